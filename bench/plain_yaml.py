@@ -37,10 +37,9 @@ def parse_yaml(text: str, *, file: Path | str) -> Any:
         tree = loader.get_single_node()
         if tree is None:
             return None
-        if _size(tree, {}) > MOST_VALUES:
+        if _size(tree, {}, file) > MOST_VALUES:
             expected = f"at most {MOST_VALUES} values with references written out"
             raise DataError(file, expected=expected, got="more, by references to references")
-        _refuse_keys_twice(tree, file)
         return loader.construct_document(tree)
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # ValueError: days and numbers that cannot be
         raise DataError(file, expected="YAML", got=" ".join(str(error).split())[:200]) from error
@@ -56,35 +55,27 @@ def _refuse_deep(text: str, file: Path | str) -> None:
             raise DataError(file, field=field, expected=f"at most {DEEPEST} levels", got="more")
 
 
-def _refuse_keys_twice(tree: yaml.Node, file: Path | str) -> None:
-    """Refuse a key that a mapping has twice: the loader takes the last one and says nothing."""
-    left, looked_at = [tree], set[int]()
-    while left:
-        node = left.pop()
-        if id(node) in looked_at:  # behind a reference
-            continue
-        looked_at.add(id(node))
-        if isinstance(node, yaml.MappingNode):
-            seen = dict[tuple[str, str], int]()
-            for key, value in node.value:
-                line, name = key.start_mark.line + 1, (key.tag, str(key.value))
-                if isinstance(key, yaml.ScalarNode) and name in seen:
-                    got = f"{key.value!r} again, as in line {seen[name]}"
-                    raise DataError(file, field=f"line {line}", expected="each key once", got=got)
-                seen[name] = line
-                left += [key, value]
-        elif isinstance(node, yaml.SequenceNode):
-            left += node.value
-
-
-def _size(node: yaml.Node, known: dict[int, int]) -> int:
+def _size(node: yaml.Node, known: dict[int, int], file: Path | str) -> int:
     """Values below a node with references written out; one that refers to itself has too many."""
     if id(node) not in known:
         known[id(node)] = MOST_VALUES + 1  # until it is counted, so for a reference to itself
-        parts = [part for pair in node.value for part in pair] if isinstance(node, yaml.MappingNode) else []
-        parts += node.value if isinstance(node, yaml.SequenceNode) else []
-        known[id(node)] = 1 + sum(_size(part, known) for part in parts)
+        parts = node.value if isinstance(node, yaml.SequenceNode) else []
+        if isinstance(node, yaml.MappingNode):
+            _refuse_keys_twice(node, file)
+            parts = [part for pair in node.value for part in pair]
+        known[id(node)] = 1 + sum(_size(part, known, file) for part in parts)
     return known[id(node)]
+
+
+def _refuse_keys_twice(mapping: yaml.MappingNode, file: Path | str) -> None:
+    """Refuse a key that a mapping has twice: the loader takes the last one and says nothing."""
+    seen = dict[tuple[str, str], int]()
+    for key, _ in mapping.value:
+        line, name = key.start_mark.line + 1, (key.tag, str(key.value))
+        if isinstance(key, yaml.ScalarNode) and name in seen:
+            got = f"{key.value!r} again, as in line {seen[name]}"
+            raise DataError(file, field=f"line {line}", expected="each key once", got=got)
+        seen[name] = line
 
 
 def known_rules(folder: Traversable) -> tuple[str, ...]:

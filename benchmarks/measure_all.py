@@ -57,7 +57,6 @@ def stages(card: Path) -> str:
             method=build_method("spherical", settings),
             protocol=load_protocol("paper-v1"),
             images=100,
-            progress=lambda *_: None,
             flow=flow,
         )
     names = sorted({name for report in reports.values() for name in report.stage_ms})

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import thread_time
 
 from bench.evaluation import Protocol, SequenceScorer, load_protocol
-from bench.flow import DenseFlow, FarnebackFlow
+from bench.flow import DenseFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.methods import Scorable
 from bench.recordings import Recording
@@ -48,8 +48,7 @@ def measure(
     method: Scorable,
     protocol: Protocol,
     images: int,
-    progress: Callable[[float, int], None],
-    flow: DenseFlow | None = None,
+    flow: DenseFlow,
 ) -> PerfReport:
     """Time up to `images` images of recordings, each followed by a call of the flow alone on the same pair.
 
@@ -60,11 +59,10 @@ def measure(
         method: to be timed.
         protocol: the rules of the reference.
         images: at most so many.
-        progress: called with the images done and their number.
-        flow: to compare with; Farnebäck's without it.
+        flow: to compare with.
     """
     spent_s, done, total_s, flow_s = dict.fromkeys(STAGES, 0.0), 0, 0.0, 0.0
-    flow, warm = flow or FarnebackFlow(), False
+    warm = False
     with single_threaded():
         for recording in recordings:
             camera = sorted(recording.cameras)[0]
@@ -93,7 +91,6 @@ def measure(
                 for name, (begin, finish) in zip(STAGES, pairwise(times_s), strict=True):
                     spent_s[name] += finish - begin
                 total_s, flow_s, done = total_s + times_s[-1] - times_s[0], flow_s + end_s - times_s[-1], done + 1
-                progress(done, images)
             scorer.finish()
     return PerfReport(
         images=done,

@@ -17,7 +17,6 @@ def test_stages_are_timed_beside_any_flow(tiny_card):
         method=build_method("spherical", {"flow": "dis", "flow_parameters": {"preset": "fast"}}),
         protocol=load_protocol("paper-v1"),
         images=5,
-        progress=lambda *_: None,
         flow=DisFlow(preset="fast"),
     )
     assert report.images == 5

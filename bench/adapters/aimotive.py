@@ -141,7 +141,7 @@ def open_aimotive(root: Path, folder: Path, options: AimotiveOptions, *, annotat
     else:
         name = options.ego_motion.file.replace("{sequence}", folder.name)
         path = path_inside(root, name, file=root, field="options.ego_motion.file")
-        trajectory = read_bus_signals(path, columns=options.ego_motion.columns).trajectory()
+        trajectory = read_bus_signals(path, columns=options.ego_motion.columns)
     images: dict[str, tuple[ImageRef, ...]] = {}
     for name in cameras:
         place = folder / "sensor/camera" / name

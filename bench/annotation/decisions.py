@@ -37,6 +37,8 @@ from bench.recordings import Cuboid, ObjectState, Recording, Track
 from bench.records.recording import world_yaw_rates
 from bench.records.reference import ObjectClass
 
+Floats = NDArray[np.float64]
+
 Status = Literal["open", "accepted", "rejected"]
 STATUS_AFTER: dict[str, Status] = {"accept": "accepted", "reject": "rejected", "reopen": "open"}
 
@@ -65,23 +67,23 @@ class Motion:
     """
 
     times_ns: NDArray[np.int64]
-    rows: NDArray[np.float64]
+    rows: Floats
 
     def __len__(self) -> int:
         return len(self.times_ns)
 
     @property
-    def centres_m(self) -> NDArray[np.float64]:
+    def centres_m(self) -> Floats:
         """(N, 3) float64, m."""
         return self.rows[:, :3]
 
     @property
-    def yaws_rad(self) -> NDArray[np.float64]:
+    def yaws_rad(self) -> Floats:
         """(N,) float64."""
         return self.rows[:, 3]
 
     @property
-    def velocities_mps(self) -> NDArray[np.float64]:
+    def velocities_mps(self) -> Floats:
         """(N, 2) float64, m/s."""
         return self.rows[:, 4:]
 
@@ -97,7 +99,7 @@ class Motion:
         rows[:, :2] += outside_s[:, None] * rows[:, 4:]
         return Motion(times_ns=times_ns, rows=rows)
 
-    def moved(self, offsets_m: NDArray[np.float64], turns_rad: NDArray[np.float64] | float = 0.0) -> Motion:
+    def moved(self, offsets_m: Floats, turns_rad: Floats | float = 0.0) -> Motion:
         """Each box moved in its own axes, (N, 3) m, and turned, (N,) rad; velocities follow the change."""
         shift, rows = rotated(offsets_m, self.yaws_rad), self.rows.copy()
         rows[:, :3] += shift
@@ -106,7 +108,7 @@ class Motion:
             rows[:, 4:] += np.gradient(shift[:, :2], self._seconds(self.times_ns), axis=0)
         return Motion(times_ns=self.times_ns, rows=rows)
 
-    def _seconds(self, times_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _seconds(self, times_ns: NDArray[np.int64]) -> Floats:
         return np.asarray((times_ns - self.times_ns[0]) / 1e9)
 
     @property
@@ -142,7 +144,7 @@ class ReviewedTrack:
     object_class: ObjectClass
     category: str | None
     unclear: bool
-    size_m: NDArray[np.float64]
+    size_m: Floats
     proposed_doubts: tuple[Doubt, ...]
     points_median: float
     uncorrected: Motion
@@ -238,16 +240,14 @@ def after(state: State, decision: Decision) -> State:
     raise AssertionError(decision)
 
 
-def rotated(vectors: NDArray[np.float64], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotated(vectors: Floats, yaws_rad: Floats) -> Floats:
     """Vectors turned about the z axis: (N, 3) and (N,) -> (N, 3)."""
     cos, sin = np.cos(yaws_rad), np.sin(yaws_rad)
     x, y, z = vectors.T
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
 
-def _interpolated(
-    seconds: NDArray[np.float64], known_s: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _interpolated(seconds: Floats, known_s: Floats, values: Floats) -> Floats:
     return np.stack([np.interp(seconds, known_s, column) for column in values.T], axis=1)
 
 
@@ -371,7 +371,7 @@ def _part(track: ReviewedTrack, part: Polygon) -> ReviewedTrack:
     return _resized(track, np.array([low_x, low_y, -half_m]), np.array([high_x, high_y, half_m]))
 
 
-def _resized(track: ReviewedTrack, low: NDArray[np.float64], high: NDArray[np.float64]) -> ReviewedTrack:
+def _resized(track: ReviewedTrack, low: Floats, high: Floats) -> ReviewedTrack:
     """The box between two corners in its own axes, (3,) m each."""
     motion = track.motion.moved(np.tile((low + high) / 2, (len(track.motion), 1)))
     return replace(track, uncorrected=motion, keys={}, size_m=high - low)
@@ -408,7 +408,7 @@ def _joined(a: ReviewedTrack, b: ReviewedTrack) -> ReviewedTrack:
     )
 
 
-def _half_seen_from(track: ReviewedTrack, rows: NDArray[np.intp], yaws_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _half_seen_from(track: ReviewedTrack, rows: NDArray[np.intp], yaws_rad: Floats) -> Floats:
     """Half the extents of a box in axes of other headings, the median over the times."""
     turn = track.motion.yaws_rad[rows] - yaws_rad
     cos, sin = float(np.median(np.abs(np.cos(turn)))), float(np.median(np.abs(np.sin(turn))))

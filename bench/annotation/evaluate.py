@@ -28,6 +28,8 @@ from bench.reference.silhouette import left_out_ground
 from bench.reference.sweeps import PosedSweep, object_cluster, pose_sweep
 from bench.times import SECOND_NS
 
+Floats = NDArray[np.float64]
+
 LEAST_IOU = 0.5
 LEAST_POINTS = 10  # returns of an object that is asked for, as the protocols ask
 NEAR_NS = 60_000_000  # of an annotation to a sweep
@@ -63,10 +65,10 @@ class _Seen:
     name: str
     described: dict[str, object]
     rows: NDArray[np.intp]
-    centre: NDArray[np.float64]
+    centre: Floats
     yaw_rad: float
-    size_m: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
+    size_m: Floats
+    velocity_mps: Floats
     moving: bool
     annotated: bool
     clear: bool
@@ -190,12 +192,7 @@ def _share(part: float, whole: float) -> float:
 
 
 def _seen(
-    track: Track,
-    motion: TrackMotion,
-    placed: PosedSweep,
-    recording: Recording,
-    left_out: BaseGeometry,
-    near_ns: int,
+    track: Track, motion: TrackMotion, placed: PosedSweep, recording: Recording, left_out: BaseGeometry, near_ns: int
 ) -> _Seen | None:
     """None where the track has no state near enough to the sweep, or no returns in it."""
     sweep_ns = placed.sweep.timestamp_ns

@@ -146,27 +146,12 @@ def ground_heights(target: HeightGrid, others: Sequence[HeightGrid]) -> HeightGr
     return HeightGrid(first=target.first, heights_m=np.clip(ground, *GROUND_SPAN_M), cell_m=target.cell_m)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Polar:
-    """The points of a sweep as the sensor measures them.
-
-    Attributes:
-        range_m: (N,) float64.
-        azimuth_rad: (N,) float64, from -pi to pi.
-        slopes: (N,) float64, tangents of the elevations.
-    """
-
-    range_m: Floats
-    azimuth_rad: Floats
-    slopes: Floats
-
-    @classmethod
-    def of(cls, points_sensor: Floats) -> Polar:
-        """Of points, (N, 3), sensor frame, m."""
-        x, y, z = np.ascontiguousarray(points_sensor.T)
-        flat2 = x * x + y * y
-        slopes = z / np.maximum(np.sqrt(flat2), 1e-9)
-        return cls(range_m=np.sqrt(flat2 + z * z), azimuth_rad=np.arctan2(y, x), slopes=slopes)
+def polar(points_sensor: Floats) -> tuple[Floats, Floats, Floats]:
+    """Ranges, m, azimuths from -pi to pi, rad, and slopes, tangents of the elevations, (N,) each, of points (N, 3)."""
+    x, y, z = np.ascontiguousarray(points_sensor.T)
+    flat2 = x * x + y * y
+    slopes = z / np.maximum(np.sqrt(flat2), 1e-9)
+    return np.sqrt(flat2 + z * z), np.arctan2(y, x), slopes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,19 +171,23 @@ class RangeView:
 
 
 def range_view(
-    placed: PosedSweep, polar: Polar, usable: NDArray[np.bool_], road: Road, settings: ProposalSettings
+    placed: PosedSweep,
+    measured: tuple[Floats, Floats, Floats],
+    usable: NDArray[np.bool_],
+    road: Road,
+    settings: ProposalSettings,
 ) -> RangeView:
     """Make a range image of a sweep.
 
     Args:
         placed: the sweep.
-        polar: its points.
+        measured: its points as `polar` gives them.
         usable: (N,) bool, False for returns of the own vehicle.
         road: of this sweep.
         settings: of the proposals.
     """
-    azimuth = polar.azimuth_rad + pi
-    elevation = np.arctan(polar.slopes) - settings.lowest_rad
+    range_m, azimuth_rad, slopes = measured
+    azimuth, elevation = azimuth_rad + pi, np.arctan(slopes) - settings.lowest_rad
     shape = (
         round(tau / settings.azimuth_rad),
         round((settings.highest_rad - settings.lowest_rad) / settings.elevation_rad),
@@ -207,7 +196,7 @@ def range_view(
     row = np.floor(elevation / settings.elevation_rad).astype(np.int64)
     usable = usable & (row >= 0) & (row < shape[1])
     image = np.full(shape, np.inf, dtype=np.float32)
-    np.minimum.at(image, (column[usable], row[usable]), polar.range_m[usable].astype(np.float32))
+    np.minimum.at(image, (column[usable], row[usable]), range_m[usable].astype(np.float32))
     low = _over_neighbours(np.minimum, image, np.float32(np.inf))
     seen = _over_neighbours(np.add, np.isfinite(image).astype(np.int8), np.int8(0))
     low[seen < LEAST_SEEN] = np.nan

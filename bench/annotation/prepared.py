@@ -15,13 +15,13 @@ from scipy.spatial import KDTree
 
 from bench.annotation.free_space import (
     HeightGrid,
-    Polar,
     RangeView,
     Road,
     count_witness,
     fit_road,
     ground_heights,
     lowest_heights,
+    polar,
     range_view,
 )
 from bench.annotation.settings import ProposalSettings
@@ -122,15 +122,16 @@ def _prepare(recording: Recording, number: int, ref: SweepRef, settings: Proposa
     rotations, positions_m, valid = recording.trajectory.at(np.array([ref.timestamp_ns], dtype=np.int64))
     if placed is None or not valid[0]:
         return None
-    world, polar = placed.points_world(), Polar.of(placed.points_sensor())
+    world, measured = placed.points_world(), polar(placed.points_sensor())
+    range_m, azimuth_rad, _ = measured
     world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
     vehicle = world_from_vehicle.inverse().apply(world)
     road = fit_road(vehicle, world_from_vehicle, recording.ground_m)
     levelled = np.column_stack([world[:, :2], road.heights(world)])
     low, high = recording.vehicle_outline_m.min(axis=0), recording.vehicle_outline_m.max(axis=0)
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
-    usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (polar.range_m > settings.nearest_m)
-    near = usable & (polar.range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
+    usable = ~(inside.all(axis=1) & (levelled[:, 2] < settings.own_top_m)) & (range_m > settings.nearest_m)
+    near = usable & (range_m < settings.range_m) & (levelled[:, 2] < settings.top_m)
     flat_x, flat_y, lift = placed.points_from_beams(np.flatnonzero(near)).T
     origin = placed.rotations @ placed.lidar_from_sensor.translation_m + placed.positions_m
     sensor_m = origin[len(origin) // 2, :2]
@@ -139,13 +140,13 @@ def _prepare(recording: Recording, number: int, ref: SweepRef, settings: Proposa
         timestamp_ns=ref.timestamp_ns,
         points=levelled[near],
         offset_s=(placed.times_ns[near] - ref.timestamp_ns) / SECOND_NS,
-        cut_off=_at_sector_edge(polar.azimuth_rad[near], settings.sector_edge_rad),
+        cut_off=_at_sector_edge(azimuth_rad[near], settings.sector_edge_rad),
         slopes=lift / np.hypot(flat_x, flat_y),
         highest_slope=placed.envelope.highest.slope,
         sensor_m=sensor_m,
         road=road,
         lowest=lowest_heights(levelled[near], sensor_m, settings),
-        view=range_view(placed, polar, usable, road, settings),
+        view=range_view(placed, measured, usable, road, settings),
     )
 
 

@@ -23,6 +23,8 @@ from bench.recordings.validation import FileModel, TimeNs, parse_json
 from bench.records.recording import MotionKind
 from bench.records.reference import ObjectClass
 
+Floats = NDArray[np.float64]
+
 LARGEST_BYTES = 64_000_000
 
 TrackId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}(\.[0-9]{1,4}){0,8}$")]  # with what splits append
@@ -297,10 +299,7 @@ def parse_decision(content: bytes) -> Decision:
 
 
 def box_states(
-    times_ns: NDArray[np.int64],
-    centres_m: NDArray[np.float64],
-    yaws_rad: NDArray[np.float64],
-    velocities_mps: NDArray[np.float64],
+    times_ns: NDArray[np.int64], centres_m: Floats, yaws_rad: Floats, velocities_mps: Floats
 ) -> tuple[BoxState, ...]:
     """Arrays as states of a file: (N,) times, (N, 3) centres, (N,) headings and (N, 2) velocities, world frame."""
     rows = zip(*(values.tolist() for values in (times_ns, centres_m, yaws_rad, velocities_mps)), strict=True)

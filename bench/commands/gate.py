@@ -81,27 +81,19 @@ def judge(
     return replace(verdict, baseline_folder=place, run_folder=folder, stored=stored)
 
 
-def show(
-    verdict: Verdict,
-    *,
-    junit: Place = None,
-    json: Place = None,
-    github: Flag = False,
-    whole: Annotated[bool, typer.Option("--all")] = False,
-) -> int:
+def show(verdict: Verdict, *, junit: Place = None, json: Place = None, github: Flag = False) -> int:
     """Print the verdict, hand it to the CI server, and return the exit status.
 
     Args:
         verdict: of a run.
         junit: write JUnit XML to this file.
-        json: write the verdict as JSON to this file.
+        json: write the verdict with all rows as JSON to this file.
         github: print GitHub annotations.
-        whole: list all rows, including those of breakdowns.
     """
     from bench.reporting.verdict import append_summary, to_annotations, write_verdict
 
     if verdict.refusal is None:
-        _print_verdict(verdict, whole=whole)
+        _print_verdict(verdict)
     write_verdict(verdict, junit=junit, json=json)
     if github:
         annotate(to_annotations(verdict))
@@ -127,11 +119,11 @@ def show(
     return 0 if verdict.passed else FAILED
 
 
-def _print_verdict(verdict: Verdict, *, whole: bool) -> None:
+def _print_verdict(verdict: Verdict) -> None:
     """Print what changed, the overall rows, where most was lost, and how to compare the two; then the other rows."""
     from bench.gate.baseline import how_to_compare
     from bench.gate.verdict import Outcome, folded_lines, main_rows, overall_rows, worst_line
-    from bench.reporting.verdict import CAPTION, full_lines, full_rows, head_lines, row_table
+    from bench.reporting.verdict import CAPTION, head_lines, row_table
 
     say(verdict.headline, style="green" if verdict.passed else "bold red")
     note(f"baseline {verdict.baseline_folder}")
@@ -147,13 +139,10 @@ def _print_verdict(verdict: Verdict, *, whole: bool) -> None:
         say(first)
         for command in commands:
             say(f"  {command}")
-    if whole:
-        print_blocks([row_table(full_rows(verdict), caption=CAPTION), *full_lines(verdict)])
-        return
     if rows := main_rows(verdict):
         print_blocks([row_table(rows, caption=CAPTION)])
     if folded := folded_lines(verdict):
-        for line in [*folded, "--all lists these rows too"]:
+        for line in [*folded, "--json FILE has all rows"]:
             say(line, style="dim")
 
 

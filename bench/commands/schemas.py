@@ -10,7 +10,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
@@ -84,14 +84,9 @@ def _documented(model: type[BaseModel]) -> tuple[str, dict[str, str]]:
     return texts[-1][0], {name: " ".join(text.split()) for found in attributes for name, text in found}
 
 
-def _read(model: type[BaseModel]) -> Schema:
-    """Of a file that is read."""
-    return model.model_json_schema(schema_generator=_Generator)
-
-
-def _written(model: type[BaseModel]) -> Schema:
-    """Of a file that this program writes."""
-    return model.model_json_schema(schema_generator=_Generator, mode="serialization")
+def _file(model: type[BaseModel], mode: Literal["validation", "serialization"] = "validation") -> Schema:
+    """Of a file that is read, or that this program writes."""
+    return model.model_json_schema(schema_generator=_Generator, mode=mode)
 
 
 def _card() -> Schema:
@@ -113,7 +108,7 @@ def _card() -> Schema:
 
 def _rules(model: type[BaseModel], known: Callable[[], Iterable[str]]) -> Schema:
     """Of a file of rules, which may say only what it changes of those that it is `based_on`."""
-    rules = _read(model)
+    rules = _file(model)
     for part in (rules, *rules["$defs"].values()):
         part.pop("required", None)
     description = "The rules of the package that hold where this file says nothing."
@@ -123,12 +118,12 @@ def _rules(model: type[BaseModel], known: Callable[[], Iterable[str]]) -> Schema
 
 SCHEMAS: dict[str, Callable[[], Schema]] = {
     "card": _card,
-    "recording": partial(_read, RecordingHead),
-    "rig": partial(_read, Rig),
+    "recording": partial(_file, RecordingHead),
+    "rig": partial(_file, Rig),
     "protocol": partial(_rules, Protocol, known_protocols),
     "tolerances": partial(_rules, Tolerances, known_tolerances),
-    "summary": partial(_written, RunSummary),
-    "manifest": partial(_written, Manifest),
+    "summary": partial(_file, RunSummary, "serialization"),
+    "manifest": partial(_file, Manifest, "serialization"),
 }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,64 +26,33 @@ LARGEST_TIME_NS = 2**63 - 1
 Source = str | Sequence[str] | float | None  # of a signal: its column, several whose mean is taken, or a constant
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BusSignals:
-    """The vehicle's motion as its bus reports it.
+def read_bus_signals(path: Path, *, columns: Mapping[str, Source] | None = None) -> Trajectory:
+    """Read the path that bus signals in a CSV file describe, see `planar_trajectory`; "#" begins a line of comment.
 
-    Attributes:
-        source: the file.
-        timestamps_ns: (N,) int64.
-        speed_mps: (N,) float64, speed of the middle of the rear axle along x; negative backwards, or without sign where
-            `gear` is known.
-        yaw_rate_radps: (N,) float64, positive to the left.
-        gear: (N,) words, "R" or a negative number in reverse; None where the bus does not report it.
-    """
-
-    source: str
-    timestamps_ns: NDArray[np.int64]
-    speed_mps: Floats
-    yaw_rate_radps: Floats
-    gear: Sequence[str] | None = None
-
-    def trajectory(self) -> Trajectory:
-        """The path that the signals describe; see `planar_trajectory`."""
-        return planar_trajectory(
-            source=self.source,
-            timestamps_ns=self.timestamps_ns,
-            speed_mps=self.speed_mps,
-            yaw_rate_radps=self.yaw_rate_radps,
-            gear=self.gear,
-        )
-
-
-def read_bus_signals(path: Path, *, columns: Mapping[str, Source] | None = None) -> BusSignals:
-    """Read bus signals from a CSV file; lines that begin with "#" are comments.
+    `timestamp_ns` are whole nanoseconds, `speed_mps` is that of the middle of the rear axle along x, negative backwards
+    or without sign where `gear` is known, `yaw_rate_radps` is positive to the left, and `gear` is "R" or a negative
+    number in reverse; it may be absent.
 
     Args:
         path: the file.
-        columns: what stands for `timestamp_ns`, `speed_mps`, `yaw_rate_radps` and `gear`: the name of a column, several
-            names whose mean is taken, or a constant number. Signals that are not named keep their own names, and
-            `gear` may be absent.
+        columns: what stands for these four: the name of a column, several names whose mean is taken, or a constant
+            number. Signals that are not named keep their own names.
 
     Raises:
-        DataError: a file, column or value that is missing or not a number.
+        DataError: a file, column or value that is missing or not a number, or as of `planar_trajectory`.
     """
-    table, sources = (
-        _read_table(path),
-        {name: name for name in ("timestamp_ns", "speed_mps", "yaw_rate_radps", "gear")} | dict(columns or {}),
-    )
+    table = _read_table(path)
+    sources = {name: name for name in ("timestamp_ns", "speed_mps", "yaw_rate_radps", "gear")} | dict(columns or {})
     if not isinstance(times := sources["timestamp_ns"], str):
         raise DataError(path, field="timestamp_ns", expected="one column of times", got=repr(times))
     faults: list[DataError] = []
-    signals = BusSignals(
-        source=str(path),
-        timestamps_ns=_times(path, table, times, faults),
-        speed_mps=_signal(path, table, sources["speed_mps"], faults),
-        yaw_rate_radps=_signal(path, table, sources["yaw_rate_radps"], faults),
-        gear=_gear(path, table, sources["gear"]),
-    )
+    timestamps_ns = _times(path, table, times, faults)
+    speed_mps, yaw_rate_radps = (_signal(path, table, sources[n], faults) for n in ("speed_mps", "yaw_rate_radps"))
+    gear = _gear(path, table, sources["gear"])
     refuse(faults)
-    return signals
+    return planar_trajectory(
+        source=str(path), timestamps_ns=timestamps_ns, speed_mps=speed_mps, yaw_rate_radps=yaw_rate_radps, gear=gear
+    )
 
 
 def _read_table(path: Path) -> pd.DataFrame:

@@ -148,21 +148,6 @@ class Verdict:
     stored: str = ""
 
     @property
-    def dataset(self) -> str:
-        """Name of the data set; "" for a run that cannot be read."""
-        return self.run.dataset.name if self.run else ""
-
-    @property
-    def method(self) -> str:
-        """Name of the run's method; "" for a run that cannot be read."""
-        return self.run.method.name if self.run else ""
-
-    @property
-    def protocol(self) -> str:
-        """Name of the rules of both; "" for a run that cannot be read."""
-        return self.run.protocol.name if self.run else ""
-
-    @property
     def passed(self) -> bool:
         """Something was judged, and nothing failed."""
         return self.judged and not self.failed_checks and not self.rows_with(Outcome.FAILED)

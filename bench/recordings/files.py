@@ -15,7 +15,7 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import iterparse
 
-from bench.atomic import open_regular, read_regular, refuse_escape
+from bench.atomic import LARGEST_READ_BYTES, open_regular, read_regular, refuse_escape
 from bench.errors import DataError
 from bench.records.recording import Content
 
@@ -122,6 +122,23 @@ def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:
     return content
 
 
+def read_whole(file: Path, *, expected: str = "a readable file", largest_bytes: int = LARGEST_READ_BYTES) -> bytes:
+    """Read a whole file.
+
+    Args:
+        file: a regular file.
+        expected: what it is, for messages.
+        largest_bytes: a larger file is refused before it is read.
+
+    Raises:
+        DataError: it is missing, no regular file, too large, or cannot be read.
+    """
+    try:
+        return read_regular(file, largest_bytes=largest_bytes)
+    except OSError as error:
+        raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
+
+
 def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str = "a readable text file") -> str:
     """Read a text file.
 
@@ -134,9 +151,7 @@ def read_text(file: Path, *, largest_bytes: int = LARGEST_BYTES, expected: str =
         DataError: missing, too large, empty, or not UTF-8.
     """
     try:
-        text = read_regular(file, largest_bytes=largest_bytes).decode("utf-8-sig")
-    except OSError as error:
-        raise DataError(file, expected=expected, got=error.strerror or str(error)) from error
+        text = read_whole(file, expected=expected, largest_bytes=largest_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(
             file, expected="UTF-8 text", got=f"byte {error.object[error.start]:#04x} at {error.start}"

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
-from bench.atomic import read_regular
 from bench.errors import DataError
+from bench.recordings.files import read_whole
 from bench.records.recording import ImageRef, MountedCamera
 
 PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xaeB`\x82"
@@ -24,6 +24,7 @@ JPEG_SCAN, MOST_SCANS = b"\xff\xda", 100  # each takes the time of a whole image
 PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
 PNG_INDEXED = b"\x03"  # kind of colour
 MOST_WHITE = 65535
+IMAGE_FILE = "an image file"
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
 
 
@@ -42,7 +43,7 @@ def read_image(image: ImageRef, camera: MountedCamera, *, colour: bool = False) 
         DataError: missing, cut short, not to be decoded, or of another size than the calibration's.
     """
     if image.stored is None:
-        pixels = decode_image(_content(image.path), colour=colour, file=image.path)
+        pixels = decode_image(read_whole(image.path, expected=IMAGE_FILE), colour=colour, file=image.path)
     else:
         pixels = image.stored.pixels(colour=colour)
     return np.asarray(_at_model_size(pixels, image.path, camera, cv2.INTER_AREA), dtype=np.uint8)
@@ -62,11 +63,16 @@ class WhiteLevelImage:
 
     def content(self) -> bytes:
         """Bytes of the file, after its white level."""
-        return f"white level {self.white_level} ".encode() + _content(self.container)
+        return f"white level {self.white_level} ".encode() + read_whole(self.container, expected=IMAGE_FILE)
 
     def pixels(self, *, colour: bool) -> NDArray[np.uint8]:
         """Decode it, as `decode_image`."""
-        return decode_image(_content(self.container), colour=colour, white_level=self.white_level, file=self.container)
+        return decode_image(
+            read_whole(self.container, expected=IMAGE_FILE),
+            colour=colour,
+            white_level=self.white_level,
+            file=self.container,
+        )
 
 
 def read_truth(image: ImageRef, camera: MountedCamera | None = None) -> NDArray[np.uint16]:
@@ -108,7 +114,7 @@ def read_moving_mask(image: ImageRef, camera: MountedCamera) -> NDArray[np.bool_
 
 
 def _grey_values(file: Path, dtype: type[np.generic], expected: str) -> NDArray[Any]:
-    values = decode_values(_content(file), file=file)
+    values = decode_values(read_whole(file, expected=IMAGE_FILE), file=file)
     if values.dtype != dtype or values.ndim != 2:
         raise DataError(file, expected=expected, got=f"{values.dtype} {values.shape}")
     return values
@@ -124,7 +130,7 @@ def read_mask(path: Path, size_px: tuple[int, int]) -> NDArray[np.bool_]:
     Raises:
         DataError: missing, cut short, or of another size.
     """
-    pixels = decode_image(_content(path), file=path)
+    pixels = decode_image(read_whole(path, expected=IMAGE_FILE), file=path)
     got = (pixels.shape[1], pixels.shape[0])
     if got != tuple(size_px):
         raise DataError(path, expected="{} x {} px".format(*size_px), got="{} x {}".format(*got))
@@ -234,13 +240,6 @@ def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int
         raise DataError(file, expected="a whole JPEG", got=got, hint="fetch or record the image again") from error
     seen = np.asarray(pixels, dtype=np.uint8)
     return seen[..., 0] if grey else np.asarray(cv2.cvtColor(seen, cv2.COLOR_RGB2BGR), dtype=np.uint8)
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return read_regular(path)
-    except OSError as error:
-        raise DataError(path, expected="an image file", got=error.strerror or str(error)) from error
 
 
 def _at_model_size(pixels: NDArray[Any], path: Path, camera: MountedCamera, interpolation: int) -> NDArray[Any]:

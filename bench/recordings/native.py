@@ -334,7 +334,7 @@ class NativeFolder:
             hint = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
             raise DataError(self.root, expected=expected, got="both" if present else "neither", hint=hint)
         file = self._inside(present[0])
-        return read_bus_signals(file).trajectory() if present[0] == "egomotion.csv" else read_tum(file)
+        return read_bus_signals(file) if present[0] == "egomotion.csv" else read_tum(file)
 
     def _tracks(self, stated: Statement | None) -> tuple[tuple[Track, ...], Annotated]:
         """The objects of `annotations`, else of the recording's own file, and what they cover; without one nothing."""

@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 
 from bench.atomic import read_regular
 from bench.errors import MOST_FAULTS, DataError, ShapeError
+from bench.recordings.files import read_whole
 
 LONGEST_VALUE = 80  # characters of a wrong value that a message shows
 BRIEF = Repr()
@@ -68,7 +69,7 @@ def read_json(model: type[Model], file: Path) -> Model:
     Raises:
         DataError: missing, not JSON, or not what the model asks for.
     """
-    return parse_json(model, _content(file), file)
+    return parse_json(model, read_whole(file), file)
 
 
 def parse_json(model: type[Model], content: bytes, file: Path) -> Model:
@@ -81,13 +82,6 @@ def parse_json(model: type[Model], content: bytes, file: Path) -> Model:
         return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=True)
     except ValidationError as error:
         raise _data_error(error, file) from None
-
-
-def _content(file: Path) -> bytes:
-    try:
-        return read_regular(file)
-    except OSError as error:
-        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
 
 
 def keys_twice(file: Path) -> tuple[DataError, ...]:

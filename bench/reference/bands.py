@@ -36,6 +36,8 @@ from bench.reference.regions import Region
 from bench.reference.scanned import ScannedObject, Surface
 from bench.reference.silhouette import Prism, silhouette
 
+Floats = NDArray[np.float64]
+
 OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
 MOST_CELLS = 2000  # to a side: returns twice in nearly one direction would make steps of nothing
 REACH_STEPS = BRIDGED_STEPS / 2  # of a return to each side: one missing between two leaves no gap
@@ -63,7 +65,7 @@ def uncertain_region(
     region: Region,
     valid: NDArray[np.bool_],
     surface: Surface,
-    widths: tuple[NDArray[np.intp], NDArray[np.float64]],
+    widths: tuple[NDArray[np.intp], Floats],
     *,
     unseen: Raster | None = None,
     hidden: Sequence[Raster | None] = (),
@@ -110,9 +112,7 @@ def uncertain_region(
     return replace(region, window=window, core=core if core.any() else covered, possible=possible)
 
 
-def _of_the_nearest(
-    values: NDArray[np.float64], pixels: NDArray[np.intp], shape: tuple[int, ...]
-) -> NDArray[np.float64]:
+def _of_the_nearest(values: Floats, pixels: NDArray[np.intp], shape: tuple[int, ...]) -> Floats:
     """(rows, columns), root mean square of the values at the nearest pixel that has any; 0 where none has."""
     within = ((pixels >= 0) & (pixels < shape[::-1])).all(axis=1)
     if not within.any():
@@ -132,7 +132,7 @@ def _distance_px(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=16)
-def pixels_per_radian(camera: CameraModel) -> NDArray[np.float64]:
+def pixels_per_radian(camera: CameraModel) -> Floats:
     """Return how large a radian appears at each pixel, (H, W) float64, px/rad, mean of all directions.
 
     At the border of the lens and beyond, where neighbours are missing, the median of all others.
@@ -156,7 +156,7 @@ def beyond_all_beams(scanned: ScannedObject) -> Raster | None:
     return silhouette(bodies, scanned.exposure.camera.model) if bodies else None
 
 
-def beyond_beam(corners: NDArray[np.float64], beam: Beam, *, end_m: float) -> NDArray[np.float64]:
+def beyond_beam(corners: Floats, beam: Beam, *, end_m: float) -> Floats:
     """Part of an upright convex body between a beam's cone and the body's bottom or top.
 
     The cone is curved: along a side it is followed in steps of at most `OUTLINE_STEP_M`.
@@ -251,11 +251,11 @@ class _Beams:
     def _turned(self, azimuths: NDArray[np.floating]) -> NDArray[np.floating]:
         return (azimuths - self._middle_rad + np.pi) % (2 * np.pi) - np.pi
 
-    def _directions(self, points_from_beams: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _directions(self, points_from_beams: Floats) -> Floats:
         x, y, z = points_from_beams.T
         return np.stack([self._turned(np.arctan2(y, x)), np.arctan2(z, np.hypot(x, y))])
 
-    def starts_and_rays(self, directions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def starts_and_rays(self, directions: Floats) -> tuple[Floats, Floats]:
         """Starts, (K, 3) float64, m, and unit rays, world frame at exposure: as the object's return of the nearest
         azimuth."""
         azimuths, elevations = directions[0] + self._middle_rad, directions[1]
@@ -267,7 +267,7 @@ class _Beams:
         moved = self._moved[np.searchsorted(between, directions[0])]
         return self._world_from_sensor.apply(starts) + moved, self._world_from_sensor.rotate(rays)
 
-    def extent(self, corners_world: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def extent(self, corners_world: Floats) -> tuple[Floats, Floats]:
         """Least and largest direction, (2, 1), of corners of a shape at exposure that a beam may have."""
         lowest, highest = self.sweep.envelope
         corners = self._world_from_sensor.inverse().apply(corners_world - self._moved.mean(axis=0))
@@ -276,9 +276,7 @@ class _Beams:
         first, last = directions.min(axis=1, keepdims=True), directions.max(axis=1, keepdims=True)
         return np.maximum(first, least), np.minimum(last, most)
 
-    def returns(
-        self, first: NDArray[np.float64], last: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    def returns(self, first: Floats, last: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """All returns of the sweep between two directions, (2, 1): their directions, distances, (K,) float64, m, and
         whether they are the object's, (K,) bool."""
         away = self._turned(self.sweep.azimuths_rad)
@@ -290,14 +288,7 @@ class _Beams:
         return directions[:, between], ranges_m, own[between]
 
 
-def _answered(
-    beams: _Beams,
-    shape: Prism,
-    grid: Grid,
-    first: NDArray[np.float64],
-    last: NDArray[np.float64],
-    step: NDArray[np.float64],
-) -> NDArray[np.bool_]:
+def _answered(beams: _Beams, shape: Prism, grid: Grid, first: Floats, last: Floats, step: Floats) -> NDArray[np.bool_]:
     """(columns, rows) bool, the cells between two directions, (2, 1) each, that a return answers."""
     shape_of_cells = np.ceil((last - first) / step).astype(np.intp).clip(0).ravel()
     beyond = np.array([[step[0, 0]], [grid.row_step_rad.max()]]) * REACH_STEPS

@@ -16,6 +16,8 @@ from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import ReferenceFrame, ReferenceObject
 from bench.times import SECOND_NS
 
+Floats = NDArray[np.float64]
+
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
     """V: pixels inside the lens's field and off the ego vehicle's own body, (H, W) bool."""
@@ -39,9 +41,9 @@ class Readout:
     """
 
     shutter: RollingShutter
-    turn_rad: NDArray[np.float64]
-    path_m: NDArray[np.float64]
-    velocity_camera_mps: NDArray[np.float64]
+    turn_rad: Floats
+    path_m: Floats
+    velocity_camera_mps: Floats
 
     @classmethod
     def at(cls, timestamp_ns: int, *, trajectory: Trajectory, camera: MountedCamera) -> Readout | None:
@@ -61,7 +63,7 @@ class Readout:
         (turn_rad,), (path_m,) = twist_between(*_row(first), *_row(last))
         return cls(shutter=shutter, turn_rad=turn_rad, path_m=path_m, velocity_camera_mps=np.zeros(3))
 
-    def seen(self, points_camera: NDArray[np.float64], model: CameraModel) -> NDArray[np.float64]:
+    def seen(self, points_camera: Floats, model: CameraModel) -> Floats:
         """Points, (N, 3), from the camera frame at the middle row to that at the row which sees each one."""
         seen = points_camera
         for _ in range(ROW_STEPS):
@@ -72,7 +74,7 @@ class Readout:
         return seen
 
 
-def _row(transform: RigidTransform) -> tuple[Rotation, NDArray[np.float64]]:
+def _row(transform: RigidTransform) -> tuple[Rotation, Floats]:
     return Rotation.from_matrix(transform.rotation[None]), transform.translation_m[None]
 
 
@@ -100,8 +102,8 @@ class Exposure:
     trajectory: Trajectory
     vehicle_from_world: RigidTransform
     camera_from_world: RigidTransform
-    position_m: NDArray[np.float64]
-    ego_velocity_mps: NDArray[np.float64]
+    position_m: Floats
+    ego_velocity_mps: Floats
     readout: Readout | None = None
 
     @classmethod
@@ -129,14 +131,14 @@ class Exposure:
             readout=Readout.at(timestamp_ns, trajectory=trajectory, camera=camera),
         )
 
-    def of_object(self, velocity_world_mps: NDArray[np.float64]) -> Exposure:
+    def of_object(self, velocity_world_mps: Floats) -> Exposure:
         """The same for what moves with a velocity, (3,), over the ground."""
         if self.readout is None:
             return self
         velocity_camera_mps = self.camera_from_world.rotate(velocity_world_mps)
         return replace(self, readout=replace(self.readout, velocity_camera_mps=velocity_camera_mps))
 
-    def seen(self, points_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    def seen(self, points_camera: Floats) -> Floats:
         """Points, (..., 3), camera frame at the time of the image, moved to the time of the row that sees each one.
 
         All that the camera's model makes of them, be it pixels or silhouettes, then holds. Without a rolling shutter
@@ -146,7 +148,7 @@ class Exposure:
             return points_camera
         return self.readout.seen(points_camera.reshape(-1, 3), self.camera.model).reshape(points_camera.shape)
 
-    def project(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    def project(self, points_world: Floats) -> Floats:
         """(N, 2) float64, px, (u, v), of points, (N, 3), world frame; NaN where the lens cannot see one."""
         pixels, _ = self.camera.model.project(self.seen(self.camera_from_world.apply(points_world)))
         return pixels

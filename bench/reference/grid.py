@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+Floats = NDArray[np.float64]
+
 OFFSETS_M = np.arange(-25, 26) / 50  # where beams may start
 NEAREST_M, FARTHEST_M = 1.0, 1000.0  # nearer returns are the housing's, or none at all; their directions are noise
 BINS_PER_E = 100  # ranges a hundredth apart
@@ -39,7 +41,7 @@ class Beam(NamedTuple):
     offset_m: float
     slope: float
 
-    def heights_m(self, flat_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def heights_m(self, flat_m: Floats) -> Floats:
         """(N,) float64, m, of the beam at horizontal distances from the axis."""
         return self.offset_m + self.slope * flat_m
 
@@ -60,7 +62,7 @@ class Envelope(NamedTuple):
         """How far apart beams start, m."""
         return abs(self.highest.offset_m - self.lowest.offset_m)
 
-    def starts_m(self, points_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
+    def starts_m(self, points_sensor: Floats) -> Floats:
         """Heights at which the beams of returns start: between the lowest and the highest in proportion.
 
         Args:
@@ -155,11 +157,11 @@ class Grid:
     linked: NDArray[np.bool_]
     certain: NDArray[np.bool_]
     column_step_rad: float
-    row_step_rad: NDArray[np.float64]
-    step_sensor: NDArray[np.float64]
+    row_step_rad: Floats
+    step_sensor: Floats
 
     @property
-    def step_m(self) -> NDArray[np.float64]:
+    def step_m(self) -> Floats:
         """Length of `step_sensor`, (2, N) float64, m."""
         return np.asarray(np.sqrt(np.square(self.step_sensor).sum(axis=0)))
 
@@ -205,7 +207,7 @@ def find_grid(points_sensor: NDArray[np.floating], *, starts_apart_m: float = 0.
     )
 
 
-def _directions(points_sensor: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _directions(points_sensor: NDArray[np.floating]) -> tuple[Floats, Floats]:
     """Azimuth about the middle direction, so that no cluster is cut in two behind the sensor, and elevation; rad."""
     x, y, z = points_sensor.astype(np.float64).T
     middle = np.arctan2(y.mean(), x.mean())
@@ -213,7 +215,7 @@ def _directions(points_sensor: NDArray[np.floating]) -> tuple[NDArray[np.float64
     return np.arctan2(y * cosine - x * sine, x * cosine + y * sine), np.arctan2(z, np.hypot(x, y))
 
 
-def _column_step(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -> float:
+def _column_step(azimuth: Floats, elevation: Floats) -> float:
     """Median angle to the next return of the same row, on one side so that noise does not make it too small."""
     directions = np.column_stack([azimuth * np.cos(elevation), elevation])
     tree = cKDTree(directions, leafsize=64, balanced_tree=False, compact_nodes=False)
@@ -227,8 +229,8 @@ def _column_step(azimuth: NDArray[np.float64], elevation: NDArray[np.float64]) -
 
 
 def _above_and_below(
-    azimuth: NDArray[np.float64], elevation: NDArray[np.float64], column_step: float, gap_rad: NDArray[np.float64]
-) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    azimuth: Floats, elevation: Floats, column_step: float, gap_rad: Floats
+) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Neighbours in the same column, (2, N), the angles to them, and the usual angle between rows at each return."""
     column = np.floor(azimuth / (1.5 * column_step)) * ROW_KEY  # wide enough to hold a return of every row
     keys = column + elevation
@@ -245,9 +247,7 @@ def _above_and_below(
     return others.take(back, axis=1), lifts.take(back, axis=1), usual[back]
 
 
-def _usual_by_elevation(
-    elevation: NDArray[np.float64], lifts: NDArray[np.float64], *, otherwise: float
-) -> NDArray[np.float64]:
+def _usual_by_elevation(elevation: Floats, lifts: Floats, *, otherwise: float) -> Floats:
     """Median angle between rows around each return's elevation: lidars have rows close together near the horizon and
     several times further apart below. Infinite `lifts` are unknown."""
     order = np.argsort(elevation, kind="stable")
@@ -266,11 +266,8 @@ def _usual_by_elevation(
 
 
 def _beside(
-    azimuth: NDArray[np.float64],
-    elevation: NDArray[np.float64],
-    column_step: float,
-    most_lift: NDArray[np.float64],
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    azimuth: Floats, elevation: Floats, column_step: float, most_lift: Floats
+) -> tuple[NDArray[np.intp], Floats]:
     """To the left and to the right, (2, N), the return of nearest elevation in the next column, else in the one after
     it, and the angles to them."""
     from bench.reference.loops import find_beside  # loads a compiler, which only these kinds of regions need

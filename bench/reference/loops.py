@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from bench.machine_code import compiled, inlined
 
+Floats = NDArray[np.float64]
+
 
 @inlined
 def _cell(position_px: float, most: int) -> int:
@@ -15,9 +17,7 @@ def _cell(position_px: float, most: int) -> int:
 
 
 @compiled
-def count_layers(
-    u: NDArray[np.float64], v: NDArray[np.float64], layer: NDArray[np.intp], counts: NDArray[np.int32]
-) -> None:
+def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[np.int32]) -> None:
     """Count the convex patches that hold each pixel's centre.
 
     Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
@@ -53,15 +53,15 @@ def count_layers(
 
 @compiled
 def find_beside(
-    keys: NDArray[np.float64],
-    azimuth: NDArray[np.float64],
-    elevation: NDArray[np.float64],
-    most_lift: NDArray[np.float64],
+    keys: Floats,
+    azimuth: Floats,
+    elevation: Floats,
+    most_lift: Floats,
     least_turn: float,
     most_turn: float,
     column_key: float,
     beside: NDArray[np.intp],
-    turns: NDArray[np.float64],
+    turns: Floats,
 ) -> None:
     """Find the return of nearest elevation in the next column, else in the one after it.
 

@@ -22,6 +22,8 @@ from bench.records.recording import (
 )
 from bench.records.reference import Category, Direction, MotionSettings, ReferenceSettings
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObjectAtExposure:
@@ -39,12 +41,12 @@ class ObjectAtExposure:
     track: Track
     state: ObjectState
     world_from_vehicle: RigidTransform
-    velocity_world_mps: NDArray[np.float64]
-    smooth_world_mps: NDArray[np.float64]
+    velocity_world_mps: Floats
+    smooth_world_mps: Floats
     moving: bool
 
     @property
-    def known_velocity_mps(self) -> NDArray[np.float64]:
+    def known_velocity_mps(self) -> Floats:
         """(3,) float64, by which its points are moved; 0 where unknown."""
         return np.nan_to_num(self.velocity_world_mps)
 
@@ -68,8 +70,8 @@ class TrackMotion:
     """
 
     track: Track
-    velocity_world_mps: NDArray[np.float64]
-    smooth_world_mps: NDArray[np.float64]
+    velocity_world_mps: Floats
+    smooth_world_mps: Floats
     moving: NDArray[np.bool_]
 
     def at(self, index: int, world_from_vehicle: RigidTransform) -> ObjectAtExposure:
@@ -102,7 +104,7 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     return TrackMotion(track=track, velocity_world_mps=velocity, smooth_world_mps=smooth, moving=moving)
 
 
-def centre_vehicle(shape: ObjectShape) -> NDArray[np.float64]:
+def centre_vehicle(shape: ObjectShape) -> Floats:
     """(3,) float64, m, a point that moves with the object, vehicle frame; NaN for point indices: it takes the sweep."""
     match shape:
         case Cuboid():
@@ -112,9 +114,7 @@ def centre_vehicle(shape: ObjectShape) -> NDArray[np.float64]:
     return np.full(3, np.nan)
 
 
-def moving_states(
-    times_ns: NDArray[np.int64], speed_mps: NDArray[np.float64], settings: MotionSettings
-) -> NDArray[np.bool_]:
+def moving_states(times_ns: NDArray[np.int64], speed_mps: Floats, settings: MotionSettings) -> NDArray[np.bool_]:
     """Moving or static at each time, with hysteresis; runs that are too short take the state around them.
 
     Args:
@@ -137,9 +137,7 @@ def moving_states(
     return _without_short_runs(times_ns, moving, settings.min_run_ns)
 
 
-def categorise(
-    velocity_mps: NDArray[np.float64], ego_velocity_mps: NDArray[np.float64], settings: MotionSettings
-) -> Category:
+def categorise(velocity_mps: Floats, ego_velocity_mps: Floats, settings: MotionSettings) -> Category:
     """Kind of motion of a moving object.
 
     Args:
@@ -163,13 +161,13 @@ def categorise(
     return Category.OVERTAKING if along >= ego_speed else Category.PRECEDING
 
 
-def relative_direction(velocity_vehicle_mps: NDArray[np.float64], ego_vehicle_mps: NDArray[np.float64]) -> Direction:
+def relative_direction(velocity_vehicle_mps: Floats, ego_vehicle_mps: Floats) -> Direction:
     """Lateral or longitudinal, by the larger component of the relative velocity in the vehicle frame."""
     relative = velocity_vehicle_mps - ego_vehicle_mps
     return Direction.LATERAL if abs(relative[1]) > abs(relative[0]) else Direction.LONGITUDINAL
 
 
-def _smoothed(times_ns: NDArray[np.int64], values: NDArray[np.float64], window_ns: int) -> NDArray[np.float64]:
+def _smoothed(times_ns: NDArray[np.int64], values: Floats, window_ns: int) -> Floats:
     """Mean over a window around each time, NaN rows left out."""
     known: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
     sums = np.vstack([np.zeros(3), np.cumsum(np.where(known[:, None], values, 0.0), axis=0)])

@@ -24,6 +24,8 @@ from bench.geometry.raster import Raster
 from bench.reference.exposure import Exposure
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, Grid
 
+Floats = NDArray[np.float64]
+
 SLIT = np.ones((3, 3), dtype=np.uint8)  # closes what is a pixel wide: finer than a beam
 MARGIN_PX = 4  # beyond the image, so that its border does not cut the outline
 TALL, WIDE = [UP, UP, DOWN, DOWN], [LEFT, RIGHT, RIGHT, LEFT]  # sides that meet at each corner
@@ -44,9 +46,9 @@ class CutOff(NamedTuple):
             infinity.
     """
 
-    grounded_m: NDArray[np.float64]
+    grounded_m: Floats
     bottom_m: float
-    top_m: NDArray[np.float64]
+    top_m: Floats
 
     @classmethod
     def nothing(cls, count: int) -> CutOff:
@@ -57,7 +59,7 @@ class CutOff(NamedTuple):
         """Of some of the returns."""
         return CutOff(self.grounded_m[rows], self.bottom_m, self.top_m[rows])
 
-    def restored(self, corners_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    def restored(self, corners_world: Floats) -> Floats:
         """Patches, (3, 4, N) float64, m, that reach as far."""
         reached = corners_world.copy()
         upper, lower = reached[2, :2], reached[2, 2:]
@@ -98,15 +100,15 @@ class Patches:
         cut_off: what is given back.
     """
 
-    points: NDArray[np.float64]
-    reach: NDArray[np.float64]
-    step: NDArray[np.float64]
-    corners: NDArray[np.float64]
+    points: Floats
+    reach: Floats
+    step: Floats
+    corners: Floats
     restored: NDArray[np.bool_]
     grid: Grid
     cut_off: CutOff
 
-    def layers(self, error_m: NDArray[np.float64], *, solid: bool) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    def layers(self, error_m: Floats, *, solid: bool) -> tuple[Floats, NDArray[np.intp]]:
         """The patches of all extents.
 
         Args:
@@ -133,7 +135,7 @@ class Patches:
         numbers = [np.full(corners.shape[2], number) for number, corners in parts.items()]
         return np.concatenate([self.corners, *parts.values()], axis=2), np.concatenate([layer, *numbers])
 
-    def _certain_corners(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def _certain_corners(self, rows: NDArray[np.intp]) -> Floats:
         """Only between neighbours that leave no doubt, and not beyond a return without such a neighbour on its other
         side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given back."""
         certain = self.grid.certain.take(rows, axis=1)
@@ -142,11 +144,7 @@ class Patches:
 
 
 def surface_patches(
-    points_world: NDArray[np.float64],
-    *,
-    world_from_sensor: NDArray[np.float64],
-    grid: Grid,
-    cut_off: CutOff | None = None,
+    points_world: Floats, *, world_from_sensor: Floats, grid: Grid, cut_off: CutOff | None = None
 ) -> Patches:
     """The patch of each return.
 
@@ -173,7 +171,7 @@ def surface_patches(
     )
 
 
-def _corners(points: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corners(points: Floats, reach: Floats) -> Floats:
     corners = np.empty_like(reach)
     for corner, (tall, wide) in enumerate(zip(TALL, WIDE, strict=True)):
         np.add(reach[:, tall], reach[:, wide], out=corners[:, corner])
@@ -181,7 +179,7 @@ def _corners(points: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray
     return corners
 
 
-def end_spread(step_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def end_spread(step_m: Floats, error_m: Floats) -> Floats:
     """Return how far a patch without a neighbour may end from half-way to the next beam, as one standard deviation.
 
     The outline lies anywhere between the outermost return and the next beam, which missed: uniform over a step, half a
@@ -199,7 +197,7 @@ def end_spread(step_m: NDArray[np.float64], error_m: NDArray[np.float64]) -> NDA
 
 
 def draw(
-    corners: NDArray[np.float64], exposure: Exposure, layer: NDArray[np.intp] | None = None
+    corners: Floats, exposure: Exposure, layer: NDArray[np.intp] | None = None
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """As `count_patches`, of patches, (3, 4, N) float64, m, world frame, that the lens can see whole.
 
@@ -217,14 +215,14 @@ def draw(
     return count_patches(patches_px, layer, layers=layers, width=camera.width, height=camera.height)
 
 
-def draw_closed(corners: NDArray[np.float64], exposure: Exposure) -> Raster:
+def draw_closed(corners: Floats, exposure: Exposure) -> Raster:
     """The pixels in V of patches, (3, 4, N) float64, m, world frame, without slits."""
     counts, corner = draw(corners, exposure)
     return exposure.crop(without_slits(union(counts)), corner - 1)
 
 
 def count_patches(
-    patches_px: NDArray[np.float64], layer: NDArray[np.intp], *, layers: int, width: int, height: int
+    patches_px: Floats, layer: NDArray[np.intp], *, layers: int, width: int, height: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Count the convex patches that hold each pixel's centre, in one pass over all edges.
 

@@ -46,6 +46,8 @@ from bench.reference.patches import (
 from bench.reference.sweeps import Cluster, PosedSweep, parts_at_exposure
 from bench.times import SECOND_NS
 
+Floats = NDArray[np.float64]
+
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
 
@@ -106,7 +108,7 @@ class ScannedObject:
         return self.annotated.track.object_class in SOLID_CLASSES
 
     @cached_property
-    def pixels(self) -> NDArray[np.float64]:
+    def pixels(self) -> Floats:
         """(N, 2) float64, px, (u, v), of its returns; NaN where the lens cannot see one."""
         return self.exposure.project(self.cluster.points_world)
 
@@ -121,13 +123,13 @@ class ScannedObject:
         return int(np.count_nonzero(self.inside))
 
     @cached_property
-    def parts_world(self) -> NDArray[np.float64]:
+    def parts_world(self) -> Floats:
         """(P, K, 3) float64, m, the annotated shape at exposure, corners of convex bodies, world frame; none for point
         indices."""
         return parts_at_exposure(self.annotated, self.exposure.timestamp_ns)
 
     @cached_property
-    def _known_world(self) -> NDArray[np.float64]:
+    def _known_world(self) -> Floats:
         """(K, 3), corners of the annotated shape, or the returns where these are the annotation."""
         return (self.parts_world if len(self.parts_world) else self.cluster.points_world).reshape(-1, 3)
 
@@ -157,12 +159,12 @@ class ScannedObject:
         return float(shapely.distance(grounds, shapely.points(self.exposure.position_m[:2])).min())
 
     @cached_property
-    def points_camera(self) -> NDArray[np.float64]:
+    def points_camera(self) -> Floats:
         """(N, 3) float64, m, its returns at exposure, camera frame."""
         return self.exposure.camera_from_world.apply(self.cluster.points_world)
 
     @cached_property
-    def points_from_beams(self) -> NDArray[np.float64]:
+    def points_from_beams(self) -> Floats:
         """(N, 3) float64, m, its returns from where their beams start, sensor axes at each one's own time."""
         return self.sweep.points_from_beams(self.cluster.rows)
 
@@ -202,7 +204,7 @@ class ScannedObject:
         )
 
     @cached_property
-    def error_m(self) -> NDArray[np.float64]:
+    def error_m(self) -> Floats:
         """(N,) float64, m, how uncertain the outline is near each return but for the spacing of the beams; see
         `outline_error_m`."""
         camera_from_world, errors = self.exposure.camera_from_world, self.settings.outline
@@ -223,7 +225,7 @@ class ScannedObject:
         sensor_camera = camera_from_world.apply(self.world_from_sensor.translation_m)
         return outline_error_m(self.points_camera, sensor_camera=sensor_camera, variance_m2=variance_m2, errors=errors)
 
-    def _revolution_m2(self, velocity_mps: NDArray[np.float64]) -> float:
+    def _revolution_m2(self, velocity_mps: Floats) -> float:
         """Variance of what nothing tells of lidars without times of points: when in the revolution was it met? At
         either end the object was elsewhere, seen from the vehicle."""
         points, half_ns = self.sweep.sweep, self.sweep.revolution_ns // 2
@@ -260,9 +262,7 @@ class ScannedObject:
         )
 
 
-def limb_motion_m(
-    limbs: Sequence[Limb], heights: NDArray[np.float64], *, speed_mps: float, times_ns: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def limb_motion_m(limbs: Sequence[Limb], heights: Floats, *, speed_mps: float, times_ns: NDArray[np.int64]) -> Floats:
     """Return how far points moved with limbs: (N,) float64, m, standard deviation along the direction of travel.
 
     Args:
@@ -278,12 +278,8 @@ def limb_motion_m(
 
 
 def outline_error_m(
-    points_camera: NDArray[np.float64],
-    *,
-    sensor_camera: NDArray[np.float64],
-    variance_m2: NDArray[np.float64],
-    errors: OutlineErrors,
-) -> NDArray[np.float64]:
+    points_camera: Floats, *, sensor_camera: Floats, variance_m2: Floats, errors: OutlineErrors
+) -> Floats:
     """Uncertainty of an object's outline near each of its returns, for all causes but the spacing of the beams.
 
     Args:

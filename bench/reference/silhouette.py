@@ -22,13 +22,15 @@ from bench.geometry import cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.records.recording import Annotated, Cuboid, GroundPolygon, MountedCamera, ObjectShape
 
+Floats = NDArray[np.float64]
+
 TALLEST_M = 4.5  # road users in areas that are left out: lorries of 4 m (Directive 96/53/EC) and slack
 BLOCK_PX = 16  # side of the blocks of pixels that are decided together where they can be
 ON_PLANE = 1e-9  # sine of the angle up to which a corner lies on a plane
 BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
-def convex_parts(shape: ObjectShape) -> NDArray[np.float64]:
+def convex_parts(shape: ObjectShape) -> Floats:
     """Corners of convex bodies that together are the shape.
 
     Returns:
@@ -56,11 +58,11 @@ class Prism(NamedTuple):
         heights: (F,) float64, h.
     """
 
-    normals: NDArray[np.float64]
-    heights: NDArray[np.float64]
+    normals: Floats
+    heights: Floats
 
     @classmethod
-    def around(cls, parts: NDArray[np.float64], *, clearance_m: float = 0.0) -> Prism | None:
+    def around(cls, parts: Floats, *, clearance_m: float = 0.0) -> Prism | None:
         """The prism around bodies.
 
         Args:
@@ -81,9 +83,7 @@ class Prism(NamedTuple):
             heights=np.concatenate([(sides[:, :2] * ring[:-1]).sum(axis=1), [-low_m - clearance_m, high_m]]),
         )
 
-    def ways_m(
-        self, starts: NDArray[np.float64], directions: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def ways_m(self, starts: Floats, directions: Floats) -> tuple[Floats, Floats]:
         """Return the distances at which rays enter and leave.
 
         Args:
@@ -102,7 +102,7 @@ class Prism(NamedTuple):
         return enter, np.where(speeds > 0.0, ways, np.inf).min(axis=1)
 
 
-def silhouette(parts_camera: Iterable[NDArray[np.float64]], camera: CameraModel) -> Raster:
+def silhouette(parts_camera: Iterable[Floats], camera: CameraModel) -> Raster:
     """The pixels whose centre's ray meets one of several convex bodies.
 
     Args:
@@ -144,7 +144,7 @@ def left_out_pixels(annotated: Annotated, camera: MountedCamera) -> NDArray[np.b
     return covered
 
 
-def _bounding_planes(corners_camera: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _bounding_planes(corners_camera: Floats) -> Floats | None:
     """Planes through the camera that bound the cone of a convex body.
 
     Returns:
@@ -177,13 +177,13 @@ class _Blocks:
         sines: (B,) float64, of the largest angle between the axis and a ray; 1 from 90 degrees on.
     """
 
-    rays: NDArray[np.float64]
+    rays: Floats
     corners: NDArray[np.intp]
     pixels: NDArray[np.intp]
-    axes: NDArray[np.float64]
-    sines: NDArray[np.float64]
+    axes: Floats
+    sines: Floats
 
-    def mark(self, covered: NDArray[np.bool_], planes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def mark(self, covered: NDArray[np.bool_], planes: Floats) -> NDArray[np.bool_]:
         """Set the pixels of `covered`, (H * W,), whose rays lie on the inner side of all planes; the blocks reached."""
         lowest = (planes @ self.axes).min(axis=0, initial=1.0)
         whole, reached = lowest > self.sines, lowest >= -self.sines

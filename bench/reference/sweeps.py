@@ -19,6 +19,8 @@ from bench.reference.motion import ObjectAtExposure, centre_vehicle
 from bench.reference.silhouette import convex_parts
 from bench.times import SECOND_NS
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PosedSweep:
@@ -37,8 +39,8 @@ class PosedSweep:
     sweep: LidarSweep
     times_ns: NDArray[np.int64]
     interpolation_ns: NDArray[np.int64]
-    rotations: NDArray[np.float64]
-    positions_m: NDArray[np.float64]
+    rotations: Floats
+    positions_m: Floats
     lidar_from_sensor: RigidTransform
     revolution_ns: int
 
@@ -65,7 +67,7 @@ class PosedSweep:
         """x, y and z, (3, N), each in one piece: every object searches them."""
         return np.ascontiguousarray(self.sweep.points_lidar.T)
 
-    def rows_between(self, low_lidar: NDArray[np.float64], high_lidar: NDArray[np.float64]) -> NDArray[np.intp]:
+    def rows_between(self, low_lidar: Floats, high_lidar: Floats) -> NDArray[np.intp]:
         """Rows of the points, as measured, whose x and y lie between those of two corners, lidar frame, m."""
         # Plain numbers: for NumPy's own, every x of a float32 sweep would first be made a float64.
         (x0, y0), (x1, y1) = low_lidar[:2].tolist(), high_lidar[:2].tolist()
@@ -73,7 +75,7 @@ class PosedSweep:
         with np.errstate(over="ignore"):  # what float32 cannot hold is as good as infinite
             return np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
 
-    def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
+    def points_world(self, rows: NDArray[np.intp] | slice = slice(None)) -> Floats:
         """Motion-compensated points, (K, 3) float64, m, world frame; each where it was at its own time."""
         taken = self._components[:, rows] if isinstance(rows, slice) else self._components.take(rows, axis=1)
         return deskew(
@@ -84,11 +86,11 @@ class PosedSweep:
             positions_m=self.positions_m,
         )
 
-    def points_sensor(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.float64]:
+    def points_sensor(self, rows: NDArray[np.intp] | slice = slice(None)) -> Floats:
         """Points in the sensor frame at each point's own time, (K, 3) float64, m."""
         return self.lidar_from_sensor.inverse().apply(self.sweep.points_lidar[rows].astype(np.float64))
 
-    def points_from_beams(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def points_from_beams(self, rows: NDArray[np.intp]) -> Floats:
         """As `points_sensor`, each seen from where its beam starts on the sensor's upright axis."""
         points = self.points_sensor(rows)
         points[:, 2] -= self.envelope.starts_m(points)
@@ -188,7 +190,7 @@ class Cluster:
         rows: (K,) intp, which points of the sweep they are.
     """
 
-    points_world: NDArray[np.float64]
+    points_world: Floats
     rows: NDArray[np.intp]
 
 
@@ -231,7 +233,7 @@ def object_cluster(
     return Cluster(points_world=_at_exposure(own, annotated, exposure_ns, centre), rows=candidates[belongs])
 
 
-def parts_at_exposure(annotated: ObjectAtExposure, exposure_ns: int) -> NDArray[np.float64]:
+def parts_at_exposure(annotated: ObjectAtExposure, exposure_ns: int) -> Floats:
     """The annotated shape moved to the exposure as its points are.
 
     Returns:
@@ -258,7 +260,7 @@ def _candidates(placed: PosedSweep, annotated: ObjectAtExposure, margin_m: float
     return placed.rows_between(seen_from_lidar.min(axis=0) - reach_m, seen_from_lidar.max(axis=0) + reach_m)
 
 
-def _circumscribed(shape: Cuboid | GroundPolygon) -> tuple[NDArray[np.float64], float]:
+def _circumscribed(shape: Cuboid | GroundPolygon) -> tuple[Floats, float]:
     """Middle, vehicle frame, and radius of a sphere around a shape, m."""
     if isinstance(shape, Cuboid):
         return shape.vehicle_from_object.translation_m, float(np.linalg.norm(shape.size_m)) / 2
@@ -267,28 +269,20 @@ def _circumscribed(shape: Cuboid | GroundPolygon) -> tuple[NDArray[np.float64], 
     return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
 
 
-def _centre_world(annotated: ObjectAtExposure, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
+def _centre_world(annotated: ObjectAtExposure, points_world: Floats) -> Floats:
     """What the object turns about; of point indices the middle of the points."""
     if isinstance(annotated.state.shape, PointIndices):
         return np.asarray(points_world.mean(axis=0))
     return annotated.world_from_vehicle.apply(centre_vehicle(annotated.state.shape))
 
 
-def _at_exposure(
-    points: NDArray[np.float64], annotated: ObjectAtExposure, exposure_ns: int, centre: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _at_exposure(points: Floats, annotated: ObjectAtExposure, exposure_ns: int, centre: Floats) -> Floats:
     """Points, (N, 3), of the object at the time of its annotation, moved with it to the exposure."""
     later_s = (exposure_ns - annotated.state.timestamp_ns) / SECOND_NS
     return _carried(points, annotated, later_s, centre_then=centre + annotated.known_velocity_mps * later_s)
 
 
-def _carried(
-    points: NDArray[np.float64],
-    annotated: ObjectAtExposure,
-    seconds: NDArray[np.float64] | float,
-    *,
-    centre_then: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _carried(points: Floats, annotated: ObjectAtExposure, seconds: Floats | float, *, centre_then: Floats) -> Floats:
     """Move points with an object: along with its centre, then about it.
 
     Args:
@@ -311,7 +305,7 @@ def _carried(
 
 
 def _inside(
-    shape: ObjectShape, points_vehicle: NDArray[np.float64], lowest_m: float, clearance_m: float, margin_m: float
+    shape: ObjectShape, points_vehicle: Floats, lowest_m: float, clearance_m: float, margin_m: float
 ) -> NDArray[np.bool_]:
     above_road = points_vehicle[:, 2] >= lowest_m
     match shape:

@@ -262,11 +262,12 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
         parts = [line for row in rows for line in (row[place].text, *row[place].below)]
         words = [word for part in (heading.text, *heading.below, *(parts if of_words else ())) for word in part.split()]
         least = min(max(map(len, words), default=1), LONGEST_WORD)
+        least = least if of_words else max([least, *map(len, parts)])
         shown.add_column(
             _rich_text(heading, clean),
             justify="left" if of_words else "right",
             min_width=least,
-            width=None if of_words else max(least, *map(len, parts)),
+            max_width=None if of_words else least,
             overflow="fold",
         )
     above = None

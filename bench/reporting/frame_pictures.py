@@ -178,7 +178,7 @@ def _draw_cells(
 _CLUSTER_IN, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, _TITLE_IN, _BETWEEN_IN, _EDGE_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
 _SURROUNDINGS_M = 3.0
 _CLOUD = "#777777"
-_DOT_SHARE, _DOT_SIZES = 0.3, (0.05, 3.0)
+_DOT_SIZE = 0.8  # points squared
 
 
 @figures.styled
@@ -239,16 +239,8 @@ def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[
 
 def _draw_cluster_pixels(axes: Axes, geometry: ObjectGeometry, polygon: Outline) -> None:
     seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
-    size = _dot_size(axes, polygon, len(seen))
-    axes.scatter(seen[:, 0], seen[:, 1], s=size, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    axes.scatter(seen[:, 0], seen[:, 1], s=_DOT_SIZE, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
     draw_outline(axes, polygon, colour=figures.VERMILION, width=1.1).set_zorder(3.5)
-
-
-def _dot_size(axes: Axes, polygon: Outline, dots: int) -> float:
-    """Area of a dot, points squared, so that the dots leave most of the object to be seen."""
-    origin, corner = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    points_per_px = abs(corner[0] - origin[0]) * 72.0 / figures.DPI
-    return float(np.clip(_DOT_SHARE * polygon.area * points_per_px**2 / max(dots, 1), *_DOT_SIZES))
 
 
 def write_frame_pictures(

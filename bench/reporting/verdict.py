@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -103,7 +102,7 @@ def to_junit(verdict: Verdict) -> bytes:
     A slice fails with what failed in it and what changed since the baseline. All that is not judged is one skipped
     case. Where there is no verdict, that is an error, so that no reader takes it for a pass.
     """
-    suite = TestSuite(_clean(f"fisheye-bench gate {verdict.dataset} {verdict.method}".rstrip()))
+    suite = TestSuite(_clean(f"fisheye-bench gate {verdict.run.title if verdict.run else ''}".rstrip()))
     cases = [_case("verdict", "data", Error(_clean(verdict.why_none), "no verdict"))] if verdict.why_none else []
     for check in verdict.checks:
         failed = _failure(check.message, check.message, "data") if check.outcome is Outcome.FAILED else None
@@ -223,42 +222,24 @@ def head_lines(verdict: Verdict) -> list[Paragraph]:
     return [Paragraph(verdict.subject), *failed, *map(Paragraph, change_lines(verdict))]
 
 
-def full_rows(verdict: Verdict) -> list[Row]:
-    """Every row: those that failed, are suspect or improved, worst first, those within tolerance, those not judged."""
-    return [row for outcome in Outcome for row in verdict.rows_with(outcome)]
-
-
-def full_lines(verdict: Verdict) -> list[Paragraph]:
-    """The checks that are only reported, then each reason not to judge."""
-    lines = [
-        Paragraph(f"{check.outcome}: {check.message}", STYLES[check.outcome])
-        for check in verdict.checks
-        if check.outcome is Outcome.SUSPECT
-    ]
-    rows = verdict.rows_with(Outcome.NOT_JUDGED)
-    for reason, count in sorted(Counter(row.reason for row in rows).items()):
-        slices = dict.fromkeys(row.slice_name for row in rows if row.reason == reason)
-        lines.append(Paragraph(f"not judged: {count} metrics, {reason}: {', '.join(slices)}", "dim"))
-    return lines
-
-
 SCHEMA_VERSION = 1
 
 
 def to_json(verdict: Verdict) -> str:
     """All checks and all rows; NaN and infinity become null."""
+    run = verdict.run
     content = {
         "schema_version": SCHEMA_VERSION,
         "passed": verdict.passed,
         "headline": verdict.headline,
         "no_verdict": verdict.why_none,
-        "dataset": verdict.dataset,
-        "method": verdict.method,
-        "protocol": verdict.protocol,
+        "dataset": run.dataset.name if run else "",
+        "method": run.method.name if run else "",
+        "protocol": run.protocol.name if run else "",
         "tolerances": verdict.tolerances,
         "changes": [{"what": what, "text": text} for what, text in verdict.changes.items()],
         "baseline": verdict.baseline and verdict.baseline.code.model_dump(mode="json"),
-        "run": verdict.run and verdict.run.code.model_dump(mode="json"),
+        "run": run and run.code.model_dump(mode="json"),
         "checks": [asdict(check) for check in verdict.checks],
         "rows": [_json_row(row) for row in verdict.rows],
     }

@@ -44,14 +44,11 @@ def test_a_pair_is_a_recording_wherever_its_files_lie(tmp_path, flat):
     assert (before.scored, now.scored) == (False, True)
     assert now.timestamp_ns == tiny.TIME_US * 1000
     assert now.timestamp_ns - before.timestamp_ns == recording.frame_interval_ns == tiny.WAIT_US * 1000
+    for name in ("nothing", "frame-difference"):  # only the later image is scored
+        (task,) = cut_tasks(None, recording, None, build_method(name))
+        assert (task.start, task.stop) == (1, 2)
     pixels = read_image(now, recording.cameras["FV"])
     assert np.roll(pixels, 1, axis=1) == pytest.approx(read_image(before, recording.cameras["FV"]))
-
-
-def test_only_the_later_image_is_scored(root):
-    for name in ("nothing", "frame-difference"):
-        (task,) = cut_tasks(None, opened(root), None, build_method(name))
-        assert (task.start, task.stop) == (1, 2)
 
 
 def test_camera(root):
@@ -100,10 +97,7 @@ def test_objects_are_the_connected_components_of_the_mask(root):
     assert ((reference.labels > 0) | reference.ignored).tolist() == expected.tolist()
     assert (reference.labels == 1).sum() == 96
     assert reference.ego_speed_mps == pytest.approx(10.0, rel=1e-4)
-
-
-def test_protocols_of_polygons_ignore_masks(root):
-    reference = reference_of(opened(root), "paper-v1")
+    reference = reference_of(opened(root), "paper-v1")  # protocols of polygons ignore masks
     assert {o.reason for o in reference.objects} == {IgnoreReason.CLASS}
     assert not reference.labels.any()
 

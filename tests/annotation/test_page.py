@@ -1,7 +1,5 @@
 """The review page in a browser: keys, clicks and what they store."""
 
-import time
-
 import numpy as np
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
@@ -15,14 +13,21 @@ from tests.support.reviews import DRIVE
 
 
 class Page:
-    """The review page in a browser."""
+    """The review page in a browser, and the review that it changes."""
 
-    def __init__(self, browser, server):
-        self.browser, self.server, self.js, self.may_complain = browser, server, browser.execute_script, False
+    def __init__(self, browser, server, file):
+        self.browser, self.server, self.file, self.js = browser, server, file, browser.execute_script
+        self.may_complain = False
 
     def open(self, **how):
         opened(self.browser, self.server.url, **how)
         self.until("return D && drawn === i && [...images.values()].some(e => e.bitmap)")
+
+    def open_with(self, change):
+        """With other tracks."""
+        review = read_review(self.file)
+        write_review(self.file, review.model_copy(update={"tracks": change(*review.tracks)}))
+        self.open()
 
     def until(self, script):
         return WebDriverWait(self.browser, 30).until(lambda browser: browser.execute_script(script))
@@ -36,25 +41,29 @@ class Page:
     def complaints(self):
         return [entry for entry in self.browser.get_log("browser") if entry["level"] == "SEVERE"]
 
+    def decisions(self, count):
+        """All that are stored, once there are so many."""
+        WebDriverWait(self.browser, 20, 0.05).until(lambda _: len(read_review(self.file).decisions) >= count)
+        return read_review(self.file).decisions
+
+    def tracks(self):
+        return applied(read_review(self.file))
+
 
 @pytest.fixture
-def page(request, browser, server):
-    """The page, opened, of the width and in the colours of the test; it must not complain by the end."""
-    page = Page(browser, server)
-    page.open(**{name: request.getfixturevalue(name) for name in ("width", "scheme") if name in request.fixturenames})
+def closed_page(browser, server, reviews):
+    """It must not complain by the end."""
+    page = Page(browser, server, review_file(reviews, DRIVE))
     yield page
     assert page.may_complain or page.complaints() == []
 
 
-def stored(reviews):
-    return read_review(review_file(reviews, DRIVE))
-
-
-def wait_for_decisions(reviews, count):
-    end = time.monotonic() + 20
-    while len(stored(reviews).decisions) < count and time.monotonic() < end:
-        time.sleep(0.05)
-    return stored(reviews).decisions
+@pytest.fixture
+def page(request, closed_page):
+    """Opened, of the width and in the colours of the test."""
+    names = [name for name in ("width", "scheme") if name in request.fixturenames]
+    closed_page.open(**{name: request.getfixturevalue(name) for name in names})
+    return closed_page
 
 
 @pytest.mark.parametrize("width", [1280, 390])
@@ -121,34 +130,34 @@ def test_axe_finds_nothing(page, width, scheme):
         assert accessibility_faults(page.browser) == []
 
 
-def test_keys_decide_and_undo(page, reviews):
+def test_keys_decide_and_undo(page):
     chosen = page.js("return chosen")
     page.press("a")
-    (accepted,) = wait_for_decisions(reviews, 1)
+    (accepted,) = page.decisions(1)
     assert (accepted.action, accepted.tracks) == ("accept", (chosen,))
     page.until(f"return tracks.get('{chosen}').status === 'accepted'")
     page.press("z")
-    wait_for_decisions(reviews, 2)
+    page.decisions(2)
     page.until(f"return tracks.get('{chosen}').status === 'open'")
     page.press("y")
-    wait_for_decisions(reviews, 3)
+    page.decisions(3)
     page.js(f"choose('{chosen}')")
     page.press("1")
-    assert wait_for_decisions(reviews, 4)[-1].object_class == "pedestrian"
+    assert page.decisions(4)[-1].object_class == "pedestrian"
     page.press("u")
-    assert wait_for_decisions(reviews, 5)[-1].unclear
+    assert page.decisions(5)[-1].unclear
     page.press("?")
     assert page.js("return $('help').open")
 
 
-def test_undo_takes_back_what_was_just_nudged_and_nothing_else(page, reviews):
+def test_undo_takes_back_what_was_just_nudged_and_nothing_else(page):
     """The nudge waits half a second for more; undo stores it first, so that it is what is taken back."""
     first = page.js("return chosen")
     page.press("a")
-    wait_for_decisions(reviews, 1)
+    page.decisions(1)
     page.js(f"choose('{first}')")
     page.press("jz")
-    accepted, nudged, undone = wait_for_decisions(reviews, 3)
+    accepted, nudged, undone = page.decisions(3)
     assert (accepted.action, nudged.action, undone.action) == ("accept", "set_box", "undo")
     page.until("return $('told').textContent")
     assert page.told() == f"Taken back: set box {first}"
@@ -178,7 +187,7 @@ def test_a_doubt_is_explained(page):
     assert page.told().startswith("short (0.4): Seconds that it moves.")
 
 
-def test_what_was_played_and_nothing_else_counts_as_watched(page, reviews, drive):
+def test_what_was_played_and_nothing_else_counts_as_watched(page, drive):
     page.press(Keys.ARROW_RIGHT)
     page.js("seek(D.times.length - 1)")
     assert page.js("return D.times.filter(watched).length") == 0
@@ -186,7 +195,7 @@ def test_what_was_played_and_nothing_else_counts_as_watched(page, reviews, drive
     page.press(" ")
     page.until("return !playing && i === D.times.length - 1 && D.times.every(watched)")
     assert page.told() == f"Played to the end. {len(drive.tracks)} tracks are still undecided."
-    assert stored(reviews).watched_ns == tuple(sweep.timestamp_ns for sweep in drive.sweeps)
+    assert read_review(page.file).watched_ns == tuple(sweep.timestamp_ns for sweep in drive.sweeps)
 
 
 def box_of(page):
@@ -204,39 +213,39 @@ def drag(page, x, y, *steps):
     actions.perform()
 
 
-def test_dragging_the_box_makes_a_key_frame(page, reviews):
+def test_dragging_the_box_makes_a_key_frame(page):
     x, y, *_ = box_of(page)
     name, scale = page.js("return [chosen, view.scale]")
-    before = applied(stored(reviews))[name].motion.centres_m
+    before = page.tracks()[name].motion.centres_m
     drag(page, *at_screen(page, x, y), (10, 0), (24, 0))
-    (moved,) = wait_for_decisions(reviews, 1)
+    (moved,) = page.decisions(1)
     assert (moved.action, moved.track) == ("set_box", name)
-    shift = applied(stored(reviews))[name].motion.centres_m - before
+    shift = page.tracks()[name].motion.centres_m - before
     assert abs((shift[:, :2] ** 2).sum(axis=1) ** 0.5 - 24 / scale).max() < 3 / scale
 
 
-def test_a_side_of_the_box_is_dragged_in_the_view_from_above(page, reviews):
+def test_a_side_of_the_box_is_dragged_in_the_view_from_above(page):
     before = box_of(page)
     x, y, metre = page.js(
         "const s = stateAt(tracks.get(chosen)), f = frameOf('top', s.size), r = $('top').getBoundingClientRect();"
         "return [r.left + f.w / 2, r.top + f.h / 2 - s.size[1] / 2 * f.k, f.k]"
     )
     drag(page, x, y, (0, -9))
-    (decision,) = wait_for_decisions(reviews, 1)
+    (decision,) = page.decisions(1)
     assert decision.size_m[1] - before[5] == pytest.approx(9 / metre, abs=0.3 / metre)
     moved = np.hypot(decision.centre_m[0] - before[0], decision.centre_m[1] - before[1])
     assert moved == pytest.approx(4.5 / metre, abs=0.3 / metre)  # the other side stays
 
 
-def test_keys_move_turn_and_resize_the_box(page, reviews):
+def test_keys_move_turn_and_resize_the_box(page):
     x, y, _, yaw, _, _, height = box_of(page)
     page.press("iiq")
-    (decision,) = wait_for_decisions(reviews, 1)
+    (decision,) = page.decisions(1)
     forward = np.hypot(decision.centre_m[0] - x, decision.centre_m[1] - y)
     assert forward == pytest.approx(0.1, abs=2e-3)
     assert decision.yaw_rad - yaw == pytest.approx(0.01745, abs=1e-3)
     page.press(".")
-    assert wait_for_decisions(reviews, 2)[-1].size_m[2] - height == pytest.approx(0.05, abs=1e-3)
+    assert page.decisions(2)[-1].size_m[2] - height == pytest.approx(0.05, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -246,11 +255,11 @@ def test_keys_move_turn_and_resize_the_box(page, reviews):
         ("]", True, 0.05, 0.0), ("{", True, 0.0, 0.05),
     ],
 )  # fmt: skip
-def test_keys_move_one_end_of_the_box(page, reviews, key, alt, front_m, rear_m):
+def test_keys_move_one_end_of_the_box(page, key, alt, front_m, rear_m):
     x, y, _, yaw, length, *_ = box_of(page)
     keys = ActionChains(page.browser)
     (keys.key_down(Keys.ALT).send_keys(key).key_up(Keys.ALT) if alt else keys.send_keys(key)).perform()
-    (decision,) = wait_for_decisions(reviews, 1)
+    (decision,) = page.decisions(1)
     ahead = np.array([np.cos(yaw), np.sin(yaw)])
     moved = (np.array(decision.centre_m[:2]) - [x, y]) @ ahead
     grown = decision.size_m[0] - length
@@ -292,7 +301,7 @@ def stroke(page, points):
     drag(page, x, y, *((u - x, v - y) for u, v in others))
 
 
-def test_the_reference_follows_the_box(page, reviews):
+def test_the_reference_follows_the_box(page):
     page.until("return reference && reference.id === chosen && reference.core.length && $('band').className === ''")
     before, height = page.js("return [JSON.stringify(reference.core), $('camera').offsetHeight]")
     page.press("jjjjjjjj")  # 40 cm to the left, some of the returns are not in the box any more
@@ -307,43 +316,43 @@ def test_the_reference_follows_the_box(page, reviews):
     page.until(f"return chosen === '{name}' && $('band').className === 'unseen'")  # a rejected box has no reference
 
 
-def test_a_track_is_split_at_a_time_and_merged_again(page, reviews):
+def test_a_track_is_split_at_a_time_and_merged_again(page):
     name = page.js("const t = tracks.get(chosen); seek(nearest(D.times, t.times[t.times.length >> 1])); return chosen")
-    before = len(applied(stored(reviews)))
+    before = len(page.tracks())
     page.press("t")
-    wait_for_decisions(reviews, 1)
+    page.decisions(1)
     page.until(f"return chosen === '{name}.1' && !!stateAt(tracks.get(chosen))")  # the later part, which is there
     assert "is selected" in page.told()
     page.press("z")
     page.until(f"return chosen === '{name}' && !tracks.has('{name}.1')")  # what was cut is selected again
     page.press("y")
     page.until(f"return tracks.has('{name}.1')")
-    assert len(applied(stored(reviews))) == before + 1
+    assert len(page.tracks()) == before + 1
     page.js(f"choose('{name}'); mark('{name}.1')")
     page.press("m")
-    decision = wait_for_decisions(reviews, 4)[-1]
+    decision = page.decisions(4)[-1]
     assert (decision.action, set(decision.tracks)) == ("merge", {name, f"{name}.1"})
-    assert len(applied(stored(reviews))) == before
+    assert len(page.tracks()) == before
 
 
-def test_a_line_across_a_box_splits_it(page, reviews):
+def test_a_line_across_a_box_splits_it(page):
     page.js("view.scale = 40; paint()")
     x, y, _, yaw, length, width, _ = box_of(page)
     centre, across = np.array([x, y]), np.array([-np.sin(yaw), np.cos(yaw)]) * (width / 2 + 1.0)
     page.press("p")
     stroke(page, [centre + across, centre - across])
-    (decision,) = wait_for_decisions(reviews, 1)
+    (decision,) = page.decisions(1)
     assert decision.action == "split_space"
     page.until(f"return chosen === '{decision.track}.1'")
-    halves = [track for name, track in applied(stored(reviews)).items() if name.startswith(decision.track)]
+    halves = [track for name, track in page.tracks().items() if name.startswith(decision.track)]
     assert sum(track.size_m[0] for track in halves) == pytest.approx(length, abs=0.01)
 
 
 @pytest.mark.parametrize("way", ["lasso", "click"])
-def test_a_missing_object_is_drawn_from_its_points(page, reviews, way):
+def test_a_missing_object_is_drawn_from_its_points(page, way):
     x, y, *_, length, width, _ = box_of(page)
     page.press("r")
-    wait_for_decisions(reviews, 1)
+    page.decisions(1)
     seen = page.js(
         "const [x, y, reach] = arguments, s = sweeps.get(i); let best = null, least = reach;"
         "for (let j = 0; j < s.n - s.road; j++) { const p = [s.o[0] + s.points[3*j]/100, s.o[1] + s.points[3*j+1]/100],"
@@ -355,12 +364,12 @@ def test_a_missing_object_is_drawn_from_its_points(page, reviews, way):
     reach = max(length, width) / 2 + 0.4
     corners = [(x + a * reach, y + b * reach) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     stroke(page, corners if way == "lasso" else [seen])
-    decision = wait_for_decisions(reviews, 2)[-1]
+    decision = page.decisions(2)[-1]
     assert decision.action == "draw"
     page.until(f"return chosen === '{decision.drawn.id}'")
 
 
-def test_a_page_whose_command_has_ended_shows_what_is_stored(page, reviews):
+def test_a_page_whose_command_has_ended_shows_what_is_stored(page):
     page.may_complain = True
     ended = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
     page.browser.execute_cdp_cmd("Network.enable", {})
@@ -374,34 +383,25 @@ def test_a_page_whose_command_has_ended_shows_what_is_stored(page, reviews):
     page.press(" ")
     assert not page.js("return playing")
     assert "the command has ended" in page.told()
-    assert stored(reviews).decisions == ()
+    assert read_review(page.file).decisions == ()
 
 
-def test_what_cannot_be_stored_is_said(page, reviews):
+def test_what_cannot_be_stored_is_said(page):
     page.may_complain = True
-    file = review_file(reviews, DRIVE)
-    file.write_bytes(file.read_bytes() + b"\n")
+    page.file.write_bytes(page.file.read_bytes() + b"\n")
     chosen = page.js("return chosen")
     page.press("a")
     assert page.until("return $('told').textContent").startswith("Not stored: ")
     page.until(f"return tracks.get('{chosen}').status === 'open'")
 
 
-def opened_with(browser, server, reviews, change):
-    """The page of other tracks."""
-    review = stored(reviews)
-    changed = review.model_copy(update={"tracks": change(*review.tracks)})
-    write_review(review_file(reviews, DRIVE), changed)
-    page = Page(browser, server)
-    page.open()
-    return page
+def test_a_hole_is_seen_in_the_list_and_in_the_timeline_and_filled_by_a_key_frame(closed_page):
+    page = closed_page
 
-
-def test_a_hole_is_seen_in_the_list_and_in_the_timeline_and_filled_by_a_key_frame(browser, server, reviews):
     def without_a_state(first, *others):
         return first.model_copy(update={"states": (*first.states[:3], *first.states[4:])}), *others
 
-    page = opened_with(browser, server, reviews, without_a_state)
+    page.open_with(without_a_state)
     page.js("choose('p000'); seek(3)")
     assert "hole of 1 sweep" in page.js("return document.querySelector('#why').textContent")
     assert "hole" in page.js("return document.querySelector('#tracks [aria-pressed=true]').textContent")
@@ -412,7 +412,7 @@ def test_a_hole_is_seen_in_the_list_and_in_the_timeline_and_filled_by_a_key_fram
     )
     assert whole != hole
     page.press(Keys.ENTER)
-    assert wait_for_decisions(reviews, 1)[0].action == "set_box"
+    assert page.decisions(1)[0].action == "set_box"
     page.until("return bars.find(b => b.t.id === 'p000').runs.length === 1 && !tracks.get('p000').doubts.length")
 
 
@@ -429,13 +429,14 @@ def test_the_timeline_has_the_rows_of_the_list(page):
     page.until("return bars.length === 10 && $('lanes').scrollHeight <= $('lanes').clientHeight")  # ten at once
 
 
-def test_labels_do_not_overlap_and_the_selected_one_is_always_there(browser, server, reviews):
+def test_labels_do_not_overlap_and_the_selected_one_is_always_there(closed_page):
     """Nine tracks at one place: some labels are beside, above and below, the others are left out."""
+    page = closed_page
 
     def copied(first, *others):
         return first, *others, *(first.model_copy(update={"id": f"c{i}"}) for i in range(8))
 
-    page = opened_with(browser, server, reviews, copied)
+    page.open_with(copied)
     page.js("choose('c5'); seek(nearest(D.times, tracks.get('c5').times[1]))")
     page.until("return drawn === i && placed.some(p => p.name === 'c5')")
     labels = page.js("return placed")

@@ -42,7 +42,7 @@ def test_a_comparison_takes_folders_and_runs_and_writes_where_it_is_told(runs, t
 def test_a_verdict_is_that_of_the_command(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     none = bench.judge(runs[0])
-    assert (none.passed, none.dataset) == (False, "tiny")
+    assert (none.passed, none.run.dataset.name) == (False, "tiny")
     assert "no baseline there" in none.why_none
     assert bench.judge(tmp_path / "none").run is None
     made = bench.judge(runs[0], update=True, allow_dirty=True)

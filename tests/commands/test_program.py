@@ -127,9 +127,9 @@ def test_no_number_of_a_wide_table_is_cut_where_there_is_no_terminal(capsys):
     rows = [["a slice with a long name", "false_positive_coverage_valid", *numbers]]
     columns = ["Slice", "Metric", "95 %", *(f"{k} of all" for k in range(8))]
     console.print_blocks([Table(columns=columns, rows=rows, words=2)])
-    heading, *_, row = capsys.readouterr().out.splitlines()
-    assert row.split()[-9:] == numbers
-    assert "95 %" in heading
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[-9:] for line in lines].count(numbers) == 1, "words are wrapped instead"
+    assert "95 %" in lines[0]
 
 
 @pytest.mark.usefixtures("_program_runs")

@@ -76,22 +76,20 @@ def csv(tmp_path, text):
 
 
 def test_times_of_nineteen_digits_stay_exact_and_gears_and_comments_are_read(tmp_path):
-    path = csv(tmp_path, f"timestamp_ns,speed_mps,yaw_rate_radps\n{START_NS},1,0\n{START_NS + 1},2,0.5\n")
-    signals = read_bus_signals(path)
-    assert signals.timestamps_ns.tolist() == [START_NS, START_NS + 1]
-    assert signals.speed_mps.tolist() == [1.0, 2.0]
-    assert signals.yaw_rate_radps.tolist() == [0.0, 0.5]
-    assert signals.gear is None
-    path = csv(tmp_path, "# from the bus\ntimestamp_ns,speed_mps,yaw_rate_radps,gear\n0,2,0,R\n1000000000,2,0,R\n")
-    assert read_bus_signals(path).trajectory().positions_m[-1] == pytest.approx([-2.0, 0.0, 0.0])
+    rows = f"{START_NS},1,0\n{START_NS + 100_000_001},3,0.5\n"
+    path = read_bus_signals(csv(tmp_path, f"timestamp_ns,speed_mps,yaw_rate_radps\n{rows}"))
+    assert path.timestamps_ns.tolist() == [START_NS, START_NS + 100_000_001]
+    assert np.linalg.norm(path.positions_m[1]) == pytest.approx(0.2, rel=1e-4)
+    assert path.rotations[1].as_rotvec() == pytest.approx([0.0, 0.0, 0.025])
+    rows = "timestamp_ns,speed_mps,yaw_rate_radps,gear\n0,2,0,R\n1000000000,2,0,R\n"
+    path = read_bus_signals(csv(tmp_path, f"# from the bus\n{rows}"))
+    assert path.positions_m[-1] == pytest.approx([-2.0, 0.0, 0.0])
 
 
 def test_columns_of_other_names_means_and_constants(tmp_path):
-    path = csv(tmp_path, "t,front,rear\n5,10.0,20.0\n6,12.0,12.0\n")
+    path = csv(tmp_path, "t,front,rear\n0,10.0,20.0\n1000000000,12.0,12.0\n")
     columns = {"timestamp_ns": "t", "speed_mps": ["front", "rear"], "yaw_rate_radps": 0.0}
-    signals = read_bus_signals(path, columns=columns)
-    assert signals.speed_mps.tolist() == [15.0, 12.0]
-    assert signals.yaw_rate_radps.tolist() == [0.0, 0.0]
+    assert read_bus_signals(path, columns=columns).positions_m[-1] == pytest.approx([13.5, 0.0, 0.0])
 
 
 HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
@@ -119,7 +117,7 @@ HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
 def test_faults_name_file_column_and_row(tmp_path, text, message):
     path = tmp_path / "egomotion.csv" if text is None else csv(tmp_path, text)
     with pytest.raises(DataError, match=r"egomotion\.csv: ") as caught:
-        read_bus_signals(path).trajectory()
+        read_bus_signals(path)
     assert message in str(caught.value)
 
 

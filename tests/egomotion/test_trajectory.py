@@ -134,16 +134,12 @@ def moved(current):
     )
 
 
-def test_driving_on_brings_points_nearer():
+def test_driving_on_brings_points_nearer_and_turning_moves_the_front_camera_sideways():
     motion = moved(RigidTransform.from_yaw(0.0, (2.0, 0.0, 0.0)))
     assert motion.apply(np.array([[0.0, 0.0, 10.0]])) == pytest.approx(np.array([[0.0, 0.0, 8.0]]))
-
-
-def test_turning_about_the_rear_axle_moves_the_front_camera_sideways():
-    # A quarter turn to the left: the camera goes from (3.7, 0) to (0, 3.7); it looked along x and now along y.
-    motion = moved(RigidTransform.from_yaw(np.pi / 2))
-    # Its old position is (3.7, -3.7) from the new one: 3.7 m to its right and 3.7 m behind.
-    assert motion.translation_m == pytest.approx([3.7, 0.0, -3.7])
+    # A quarter turn to the left about the rear axle: the camera goes from (3.7, 0) to (0, 3.7); it looked along x and
+    # now along y. Its old position is (3.7, -3.7) from the new one: 3.7 m to its right and 3.7 m behind.
+    assert moved(RigidTransform.from_yaw(np.pi / 2)).translation_m == pytest.approx([3.7, 0.0, -3.7])
 
 
 @given(yaw=st.floats(-0.5, 0.5), x=st.floats(-2, 2), y=st.floats(-1, 1))

@@ -207,10 +207,3 @@ def test_a_given_scale_runs_all_constraints_with_the_papers_weights():
     assert given.parts.keys() == none.parts.keys() | {"positive_height", "anti_parallel"}
     assert not np.array_equal(none.likelihood, given.likelihood)
     assert marked(given, crossing()[2])[0] > 0.8
-
-
-def test_the_same_images_give_the_same_motion_whatever_came_before():
-    given, method = frame(*crossing()[:2], STEP), build_method(ODOMETRY)
-    first = method.segment(given)
-    method.segment(frame(*(render(np.array([s, 0.1, 0.0]))[0] for s in (0.0, 0.1)), STEP))
-    np.testing.assert_array_equal(first.likelihood, method.segment(given).likelihood)

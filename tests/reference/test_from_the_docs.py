@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -24,18 +24,6 @@ RULES = load_protocol("surface-v1").reference_settings()
 LEFT, RIGHT, ABOVE, BELOW = range(4)
 OPPOSITE = [RIGHT, LEFT, BELOW, ABOVE]
 Array = NDArray[Any]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Grid:
-    """Of each return: neighbours or -1, links, certain links, (4, N); step vectors, (4, N, 3); row and column steps."""
-
-    neighbours: Array
-    linked: Array
-    certain: Array
-    steps: Array
-    row_step: Array
-    column_rad: float
 
 
 def envelope(sweep: Array) -> tuple[Array, Array]:
@@ -71,7 +59,8 @@ def from_beams(points: Array, lowest: Array, highest: Array) -> Array:
     return points - np.outer(starts, [0, 0, 1])
 
 
-def neighbours(points: Array, apart: float) -> Grid:
+def neighbours(points: Array, apart: float) -> SimpleNamespace:
+    """Of each return: neighbours or -1, links, certain links, (4, N); steps, (4, N, 3); row steps; the column step."""
     x, y, z = points.T
     flat, ranges = np.hypot(x, y), np.linalg.norm(points, axis=1)
     azimuth = (np.arctan2(y, x) - np.arctan2(y.mean(), x.mean()) + np.pi) % (2 * np.pi) - np.pi
@@ -111,7 +100,7 @@ def neighbours(points: Array, apart: float) -> Grid:
     close = np.concatenate([turns <= 1.5 * column, lifts <= 1.5 * usual])
     left = np.column_stack([-y, x, 0 * x]) * column
     above = np.cross(points / flat[:, None], np.column_stack([-y, x, 0 * x])) * row_step[:, None]
-    return Grid(
+    return SimpleNamespace(
         neighbours=found,
         linked=(found >= 0) & (depth <= 2.5 * np.tan(np.radians(80))),
         certain=(found >= 0) & close & (depth <= np.sqrt(2.5**2 - 1)),
@@ -290,7 +279,12 @@ def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, beam
 
 
 def silence(
-    scanned: ScannedObject, sensor: Array, rotation: Array, beams: tuple[Array, Array], sweep: Array, grid: Grid
+    scanned: ScannedObject,
+    sensor: Array,
+    rotation: Array,
+    beams: tuple[Array, Array],
+    sweep: Array,
+    grid: SimpleNamespace,
 ) -> Array:
     points, shape = scanned.cluster.points_world, scanned.parts_world
     own = sweep[scanned.cluster.rows]

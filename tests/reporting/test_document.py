@@ -130,6 +130,10 @@ def test_a_first_word_that_repeats_the_one_above_is_left_out_on_the_terminal():
     assert [line.split() for line in shown.splitlines()[2:]] == [["x", "1", "2"], ["2", "2"], ["y", "3", "2"]]
 
 
+def test_a_table_without_rows_shows_its_headings():
+    assert printed([Table(columns=["a", "share"], rows=[])]).split()[:2] == ["a", "share"]
+
+
 def test_a_frame_is_a_table():
     frame = pd.DataFrame({"name": ["a", "b"], "share": [0.5, math.nan], "count": [1, 2]})
     table = Table(columns=["name", Column("share", "{:.1f}".format), "count"], rows=frame)

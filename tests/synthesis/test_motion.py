@@ -54,7 +54,7 @@ def test_actor_velocity_is_the_change_of_its_place() -> None:
 def test_bus_signals_integrate_to_the_true_poses(rendered: Callable[[str], FilePath]) -> None:
     for name in ("crossing", "reversing"):
         root = rendered(IDEAL) / "out" / name
-        bus, truth = read_bus_signals(root / "egomotion.csv").trajectory(), read_tum(root / "truth" / "poses.csv")
+        bus, truth = read_bus_signals(root / "egomotion.csv"), read_tum(root / "truth" / "poses.csv")
         first_ns = int(bus.timestamps_ns[0])
         bus_from_truth = bus.world_from_vehicle(first_ns) @ truth.world_from_vehicle(first_ns).inverse()
         _, positions_m, _ = truth.at(bus.timestamps_ns)

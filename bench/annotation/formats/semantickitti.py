@@ -21,9 +21,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from bench.annotation.formats.conversion import LabelFormat, LabelOptions, Observation, ToolLabels, pair_with_sweeps
-from bench.atomic import read_regular, refuse_escape
+from bench.atomic import refuse_escape
 from bench.errors import DataError
 from bench.recordings import ObjectState, PointIndices, Recording, SweepRef
+from bench.recordings.files import read_whole
 from bench.reference.sweeps import pose_sweep
 
 MOVING = {  # number -> name and our class; 251 is "moving" alone, whose class is for the user to say
@@ -95,10 +96,7 @@ def _read_labels(file: Path, *, points: int) -> tuple[NDArray[np.int64], NDArray
     Raises:
         DataError: missing, or not one number for each point.
     """
-    try:
-        content = read_regular(file)
-    except OSError as error:
-        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
+    content = read_whole(file)
     if len(content) != 4 * points:
         expected, got = f"{points} labels of 4 bytes, one for each point of its sweep", f"{len(content) / 4:g} labels"
         hint = "labels count in the sweep as it is stored: give those of the same, uncut sweeps"

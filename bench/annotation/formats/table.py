@@ -27,11 +27,11 @@ from bench.annotation.formats.conversion import (
     recording_times,
     vehicle_from_tool,
 )
-from bench.atomic import read_regular
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, Recording
 from bench.recordings.annotations import box_state
+from bench.recordings.files import read_whole
 from bench.recordings.validation import LARGEST_MEASURED
 
 FILE = "boxes.csv"
@@ -90,16 +90,14 @@ class BoxTable(LabelFormat):
 
 
 def _read(file: Path) -> pd.DataFrame:
+    content = read_whole(file, largest_bytes=LARGEST_BYTES)
     try:
-        content = read_regular(file, largest_bytes=LARGEST_BYTES)
         if content[:4] == b"PAR1":
             table = pd.read_parquet(io.BytesIO(content))
         else:
             words = dict.fromkeys([TIME, *WORDS], "str")  # a time has more digits than a float
             table = pd.read_csv(io.BytesIO(content), dtype=words, keep_default_na=False, na_values=[""])
-    except OSError as error:
-        raise DataError(file, expected="a readable file", got=error.strerror or str(error)) from error
-    except (ValueError, RecursionError) as error:  # of pandas and pyarrow both
+    except (OSError, ValueError, RecursionError) as error:  # of pandas and pyarrow both
         raise DataError(file, expected="a table, CSV or Parquet", got=str(error)) from error
     if missing := [name for name in REQUIRED if name not in table.columns]:
         got = f"none for {', '.join(missing)}"

@@ -50,13 +50,9 @@ def write_run(
     protocol: str = "paper-v1",
     dataset: str = "demo",
     split: str | None = None,
-    card: str = "nowhere.yaml",
     method: str = "nothing",
     settings: dict[str, object] | None = None,
     region_px: int = REGION_PX,
-    commit: str | None = "0123456789+",
-    started_utc: str = "2026-01-02T03:04",
-    recordings: dict[str, str] | None = None,
 ) -> Path:
     """Store a run; all of its reference comes from the keys of `detected` and from `region_px`."""
     results = folder / protocol
@@ -65,13 +61,13 @@ def write_run(
     write_counts(results, objects, frames)
     write_sums(sums, results / SUMS)
     own = manifest(
-        dataset=dataset, card=card, split=split, method=method, settings=settings, protocol=rules,
-        commit=commit, recordings=recordings,
+        dataset=dataset, card="nowhere.yaml", split=split, method=method, settings=settings, protocol=rules,
+        commit="0123456789+",
     )  # fmt: skip
     write_manifest(folder / ANSWERS_MANIFEST, own)
     stored.write_run(
         results, metrics, protocol=rules, manifest=own,
-        provenance=provenance(images=len(frames), started_utc=started_utc),
+        provenance=provenance(images=len(frames)),
         vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
     )  # fmt: skip
     return folder
