@@ -408,4 +408,4 @@ def test_answers_of_oracles_depend_on_the_protocol_and_lie_beside_its_counts(tin
         assert run.summary.all_moving.iou.value == 1.0
         assert run.summary.false_positives.coverage.value == 0.0
     assert not (tmp_path / "run" / "answers").exists()
-    assert read_run(tmp_path / "run").protocol.name == "paper-v1", "a run's folder stands for the usual protocol"
+    assert read_run(tmp_path / "run").protocol.name == "surface-v1", "a run's folder stands for the usual protocol"
