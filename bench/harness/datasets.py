@@ -14,10 +14,11 @@ from bench.errors import UnknownNameError
 from bench.evaluation import load_protocol
 from bench.evaluation.counts import count_frame
 from bench.harness.answers import is_answered, segmentation_of
+from bench.harness.exact import exact_mask
 from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
 from bench.harness.stored import StoredRun, find_answer
 from bench.methods import MethodInput
-from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card
+from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card, read_truth
 from bench.recordings import open_dataset as list_recordings
 from bench.reference import ReferenceFrame
 
@@ -167,19 +168,21 @@ def render_if_missing(
 
 def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[Frame]:
     for index in range(history, len(pipeline.images)):
-        if not pipeline.images[index].scored:
+        image = pipeline.images[index]
+        if not image.scored:
             continue
         try:
             given, reference = pipeline.method_input(index), pipeline.reference(index)
         except UnscorableFrame:
             continue
+        ids = read_truth(image, pipeline.camera) if exact and image.truth_path is not None else None
         yield Frame(
             recording=pipeline.recording.name,
             camera=pipeline.camera.name,
-            timestamp_ns=pipeline.images[index].timestamp_ns,
+            timestamp_ns=image.timestamp_ns,
             input=given,
             reference=reference,
-            exact=pipeline.exact_mask(index, reference) if exact else None,
+            exact=None if ids is None else exact_mask(ids, pipeline.recording, reference),
         )
 
 

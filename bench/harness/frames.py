@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol
 from bench.geometry import RigidTransform
-from bench.harness.exact import exact_mask, is_oracle
+from bench.harness.exact import is_oracle
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
-from bench.recordings import ImageRef, Recording, frame_gaps, read_image, read_truth
+from bench.recordings import ImageRef, Recording, frame_gaps, read_image
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 from bench.reference import ReferenceBuilder, ReferenceFrame, visible_region
 
@@ -105,17 +105,6 @@ class FramePipeline:
             DataError: a sweep or the ego-motion of the image cannot be used.
         """
         return self.references.build(self.images[index])
-
-    def exact_mask(self, index: int, reference: ReferenceFrame) -> NDArray[np.bool_] | None:
-        """The exact mask of what moves in an image, (H, W); None where the data have none.
-
-        Raises:
-            DataError: the image's file of instance ids cannot be used.
-        """
-        image = self.images[index]
-        if image.truth_path is None:
-            return None
-        return exact_mask(read_truth(image, self.camera), self.recording, reference)
 
     def ask(self, given: MethodInput) -> Segmentation:
         """The method's answer.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import closing, contextmanager
@@ -68,17 +69,10 @@ class Part:
     Attributes:
         number: from 1.
         count: of parts.
-
-    Raises:
-        UsageError: a number outside of 1 to `count`.
     """
 
     number: int = 1
     count: int = 1
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.number <= self.count:
-            raise UsageError(f"--shard: expected I/N with I from 1 to N, got {self}")
 
     def __str__(self) -> str:
         return f"{self.number}/{self.count}"
@@ -90,10 +84,10 @@ class Part:
         Raises:
             UsageError: anything else.
         """
-        number, _, count = text.partition("/")
-        if not (number.isascii() and number.isdecimal() and count.isascii() and count.isdecimal()):
-            raise UsageError(f"--shard: expected I/N, for example 2/8, got {text!r}")
-        return cls(number=int(number), count=int(count))
+        numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+        if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+            raise UsageError(f"--shard: expected I/N with I from 1 to N, for example 2/8, got {text!r}")
+        return cls(number=int(numbers[1]), count=int(numbers[2]))
 
 
 def run_benchmark(
