@@ -23,9 +23,9 @@ from pathlib import Path
 import pandas as pd
 
 import bench
+from bench.execution import use_one_thread
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
-from bench.threads import use_one_thread
 from bench.validation import Finding, RecordingReport, validate_recording
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES, Mistake

@@ -8,12 +8,12 @@ from itertools import pairwise
 from time import thread_time
 
 from bench.evaluation import Protocol, SequenceScorer, load_protocol
+from bench.execution import single_threaded
 from bench.flow import DenseFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.methods import Scorable
 from bench.recordings import Recording
 from bench.reference import ReferenceBuilder
-from bench.threads import single_threaded
 
 STAGES = ("input", "reference", "method", "counts")  # files and ego-motion; regions; answer; pixels
 
