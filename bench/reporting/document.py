@@ -320,7 +320,7 @@ def markdown_table(table: Table) -> str:
     """The table alone, its lines as wide as their content, so that a changed value changes one line."""
     rule = "|".join(":--" if place < table.words else "--:" for place in range(len(table.columns)))
     head, *body = [
-        " | ".join(escape_markdown(" ".join((cell.text, *cell.below))) for cell in row)
+        " | ".join("<br>".join(map(escape_markdown, (cell.text, *cell.below))) for cell in row)
         for row in (table.headings(), *table.cells())
     ]
     return "\n".join([f"| {head} |", f"|{rule}|", *(f"| {line} |" for line in body)])

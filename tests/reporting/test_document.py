@@ -59,7 +59,7 @@ def test_markdown_writes_a_table_with_its_title_and_note_and_ends_code_where_it_
     assert to_markdown([Code("a\n```\nb")]) == "````\na\n```\nb\n````\n"
     assert to_markdown([Heading("Results"), TABLE]) == (
         "## Results\n\n**Found**\n\n| Kind | Detection rate | cases |\n|:--|--:|--:|\n| crossing | 50.0 % | 12 |\n"
-        "| static | n/a (0 cases) |  |\n\nOf all images.\n"
+        "| static | n/a<br>(0 cases) |  |\n\nOf all images.\n"
     )
 
 

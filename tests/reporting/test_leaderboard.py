@@ -80,7 +80,7 @@ def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
     groups = json.loads(content)["groups"]
     assert 0.8 in [group["entries"][0]["values"]["crossing"]["tpr_all"]["value"] for group in groups]
     assert markdown.count("\n## demo, all recordings, ") == 3
-    assert "| 2 | nothing, threshold=2 --method nothing weak | 18.2 % [" in markdown
+    assert "| 2 | nothing, threshold=2<br>--method nothing<br>weak | 18.2 %<br>[" in markdown
     assert "<strong>18.2 %</strong>" in page
     assert "//" not in page.replace("http://www.w3.org", "").partition("<script>")[0], "no network"
 

@@ -97,14 +97,14 @@ def test_markdown_and_terminal_show_the_same_values():
     for row in (row for row in ROWS[:-1] if row.frames):
         for name in [*COVERAGES, *DETECTION]:
             metric = row.metrics[name]
-            assert f"{100 * metric.value:.1f} {interval(metric.ci95)}" in text
+            assert f"{100 * metric.value:.1f}<br>{interval(metric.ci95)}" in text
             if name != "detection_rate_10":
                 assert f"{100 * metric.value:.1f}" in shown
                 assert short_interval(metric) in shown
     crossing = next(line for line in text.splitlines() if line.startswith("| Crossing"))
-    assert crossing.startswith("| Crossing (epipolar) paper: 3848 | 8 | 100 | 7 | 32.5 [27.5, 37.5] | ")
+    assert crossing.startswith("| Crossing<br>(epipolar)<br>paper: 3848 | 8 | 100 | 7 | 32.5<br>[27.5, 37.5] | ")
     assert crossing.count("paper") == 4
-    assert "| 72.1 [67.1, 77.1] chance 29 paper 72 +0.1 | 64.9 " in crossing
+    assert "| 72.1<br>[67.1, 77.1]<br>chance 29<br>paper 72<br>+0.1 | 64.9<br>" in crossing
     lines = shown[shown.index("Crossing") : shown.index("Overtaking")].splitlines()
     assert lines[0].split() == ["Crossing", "8", "100", "7", "32.5", "50.5", "43.3", "57.7", "72.1", "36.1"]
     assert [line.split() for line in lines[2:4]] == [
@@ -129,7 +129,7 @@ def test_rows_of_own_data_stand_beside_nothing():
     assert [row.name for row in own] == [row.name for row in ROWS]
     for text in (markdown(own).replace("paper-v1", ""), on_terminal(own)):
         assert "paper" not in text
-    assert "72.1 [" in markdown(own)
+    assert "72.1<br>[" in markdown(own)
 
 
 def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_of_no_other():
@@ -139,7 +139,7 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     assert "unknown_share" not in false_positives.metrics
     assert "| Unknown |" not in markdown(ROWS)
     (line,) = [line for line in markdown(banded).splitlines() if line.startswith("| Crossing")]
-    assert line.endswith(" 25.0 [20.0, 30.0] |")
+    assert line.endswith(" 25.0<br>[20.0, 30.0] |")
 
 
 @pytest.fixture(scope="module")
