@@ -149,7 +149,7 @@ NEAR_M = 18.0  # from where ego vehicle and actors drive: within it leaves and t
 NARROW_M = 1.6  # pavements below this are too narrow for trees
 PIECE_M = 4.0  # of hedges, walls and rails, each of which may be left out
 RAIL_M = 0.45  # of a guard rail behind the kerb
-MARKER_STEP_M, MARKER_M = 25.0, 0.6  # of marker posts, and behind the kerb
+MARKER_STEP_M, MARKER_M = 25.0, 0.9  # of marker posts; behind the kerb, and behind a guard rail there
 SUNK_M = 0.05  # houses reach into the ground, which slopes a little between pavement and verge
 
 
