@@ -65,7 +65,7 @@ def view(
         method: also draw what this method finds: a name, or module:Class; default: none.
         settings: parameters of a method that is given by name.
         protocol: of the reference, by name or file.
-        out: folder of pictures; default: reports/runs/view/<camera>/<image>; none with --video or --rrd.
+        out: folder of pictures; default: reports/runs/view/<data set>/<camera>/<image>; none with --video or --rrd.
         video: write a video (.mp4, .webm) of right and wrong areas.
         rrd: write a log for the rerun viewer (extra `viewer`), with lidar and boxes.
         calibration: draw lidar, road grid, lens and predicted flow onto the images of each camera; without a method.
@@ -85,7 +85,7 @@ def view(
     from bench.harness import FramePipeline, build_scorable
     from bench.harness.frames import InputOnly
     from bench.reporting.film import refuse_other_files, write_calibration, write_film
-    from bench.reporting.formats import made_by
+    from bench.reporting.formats import file_name, made_by
 
     # mistakes are told before anything is rendered
     if settings and not isinstance(method, str):
@@ -99,14 +99,16 @@ def view(
     span = None if frame is None else parsed_span(str(frame))
     if span is not None and time_ns is not None:
         raise UsageError("expected one of --frame and --time-ns, got both")
-    opened, cameras = _open(dataset, recording, camera)
+    card = options.as_card(dataset)
+    opened, cameras = _open(card, recording, camera)
+    usual = PICTURES / file_name(card.name)
     with progress_bar(f"drawing {opened.name}", "images", progress) as report:
         if calibration:
             chosen = {
                 name: chosen_frames(opened.images[name], history=1, span=span, time_ns=time_ns)
                 for name in (cameras if camera is None else [camera])
             }
-            return View(files=tuple(write_calibration(opened, chosen, out=pictures or PICTURES, progress=report)))
+            return View(files=tuple(write_calibration(opened, chosen, out=pictures or usual, progress=report)))
         asked = built or InputOnly(history=0)
         pipeline = FramePipeline(opened, cameras[0], method=asked, protocol=rules)
         made = rules.name if built is None else made_by(asked.name, rules.name)
@@ -118,11 +120,11 @@ def view(
             )
         if filmed and pictures is None:
             return View(files=tuple(files))
-        drawn = _draw(pipeline, indices, pictures, made_by=made, with_method=built is not None)
+        drawn = _draw(pipeline, indices, pictures, usual=usual, made_by=made, with_method=built is not None)
         return View(files=(*files, *drawn.files), remarks=drawn.remarks)
 
 
-def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str | None) -> tuple[Recording, list[str]]:
+def _open(card: DatasetCard, recording: str | None, camera: str | None) -> tuple[Recording, list[str]]:
     """A recording and the names of its cameras, the one that is asked for first.
 
     Raises:
@@ -132,7 +134,6 @@ def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str 
     from bench.harness.datasets import Dataset
     from bench.recordings import open_dataset
 
-    card = options.as_card(dataset)
     if recording in card.splits:
         raise UsageError(f"--recording: expected one recording, got the split {recording!r}")
     options.rendered_card(card, recording)
@@ -146,7 +147,7 @@ def _open(dataset: str | Path | DatasetCard, recording: str | None, camera: str 
 
 
 def _draw(
-    pipeline: FramePipeline, indices: Sequence[int], out: Path | None, *, made_by: str, with_method: bool
+    pipeline: FramePipeline, indices: Sequence[int], out: Path | None, *, usual: Path, made_by: str, with_method: bool
 ) -> View:
     """Draw frames of a camera with their reference and what a method finds.
 
@@ -160,11 +161,11 @@ def _draw(
     from bench.reporting.formats import file_name
     from bench.reporting.frame_pictures import write_frame_pictures, write_reference_pictures
 
-    usual = PICTURES / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
+    named = usual / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
     alone, files, remarks = len(indices) == 1, list[Path](), list[str]()
     for index in indices:
         name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
-        place = out if out is not None and alone else (out or usual) / name
+        place = out if out is not None and alone else (out or named) / name
         try:
             if with_method:
                 processed = pipeline.process(index)

@@ -150,7 +150,7 @@ CEILINGS = (
 )  # fmt: skip
 FALSE_POSITIVES = (
     _images("false_positive_coverage", "False-positive coverage", false_share, one,
-            "Mean share of the image that is detected outside of all objects and of I.",
+            "Mean share of the image that is detected outside of all objects and of ignored areas (I).",
             higher_is_better=False, headline=True, tolerated=HALF_A_POINT, short_name="coverage"),
     _images("false_positive_coverage_valid", "False positives of the valid pixels",
             lambda r: (r["fp_px"] / r["valid_px"]).where(r["valid_px"] > 0, 0), lambda r: r["valid_px"] > 0,

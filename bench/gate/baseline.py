@@ -106,7 +106,8 @@ def uncommitted(run: Manifest) -> str:
         return ""
     if method.commit is None:
         return f"the code of method {method.name!r} is in no commit"
-    return f"when it ran, the method's files were changed on top of commit {short_digest(method.commit.rstrip('+'))}"
+    commit = short_digest(method.commit.rstrip("+"))
+    return f"when it ran, the method's files were changed on top of commit {commit} (every file of its folder counts)"
 
 
 def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[str, ...]:

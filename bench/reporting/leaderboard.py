@@ -60,6 +60,7 @@ RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/pap
 ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
 HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
 FALSE_POSITIVES, OF_PIXELS = "false_positive_coverage", "segmentation_iou"  # of whole images, the same in every row
+PREDICTED = "bench.methods.predictions.method:PredictedMotion"  # of masks that `evaluate` scored
 # What readers call a method whose key says little; of others the key with spaces.
 NAMES = {
     "spherical": "the paper's method",
@@ -504,7 +505,7 @@ def _named(entry: Entry, pages: Mapping[str, str]) -> Cell:
     text = ", ".join([entry.method, *(words for words, true in told.items() if true)])
     return Cell(
         text,
-        (f"--method {entry.key}", entry.run),
+        ("masks of `evaluate`" if entry.key == PREDICTED else f"--method {entry.key}", entry.run),
         "" if entry.kind is Kind.METHOD else "dim",
         link=pages.get(entry.run, ""),
     )

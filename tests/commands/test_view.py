@@ -65,7 +65,7 @@ def test_pictures_of_several_frames_lie_in_folders_named_by_their_image(monkeypa
         assert (tmp_path / "p" / name / "areas.png").read_bytes().startswith(b"\x89PNG")
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "view", card, "--frame", 5) == 0
-    shown = {path.name for path in (tmp_path / "reports/runs/view/drive-front" / names[0]).iterdir()}
+    shown = {path.name for path in (tmp_path / "reports/runs/view/street/drive-front" / names[0]).iterdir()}
     assert "reference.png" in shown
     assert not shown & {"panels.png", "areas.png"}, "no method was asked for"
 

@@ -177,7 +177,11 @@ def own(digest, commit=None):
         ({"commit": None}, {}, "it is of version 1, of an unknown commit"),
         ({}, {"data": "x" * 64}, "it is of other data"),
         (own("1"), own("2"), "the code of method 'own' is in no commit"),
-        (own("1", "feed12+"), own("2"), "when it ran, the method's files were changed on top of commit feed12"),
+        (
+            own("1", "feed12+"),
+            own("2"),
+            "when it ran, the method's files were changed on top of commit feed12 (every file of its folder counts)",
+        ),
         (own("1", "feed12"), own("2"), "compare image by image, the first with 'own' as in commit feed12:"),
     ],
 )
