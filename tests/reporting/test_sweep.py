@@ -63,9 +63,12 @@ def test_markdown_has_the_headline_metrics_with_intervals():
     text = to_markdown(sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.").blocks)
     headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |"
     assert headings in text
-    assert "| 1e-2 | 12 | 40 | 7 | 30.0 % [20.0, 40.0] | 59.0 % [49.0, 69.0] | 55.0 % [45.0, 65.0] | 28.0 %" in text
+    assert (
+        "| 1e-2 | 12 | 40 | 7 | 30.0 %<br>[20.0, 40.0] | 59.0 %<br>[49.0, 69.0] | 55.0 %<br>[45.0, 65.0] | 28.0 %"
+        in text
+    )
     assert text.count("fewer than 6 recordings have none") == text.count("A note.") == 1
-    assert "| 1 | 12 | 40 | 7 | n/a (0 cases) |" in text
+    assert "| 1 | 12 | 40 | 7 | n/a<br>(0 cases) |" in text
     assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
 
 

@@ -426,7 +426,7 @@ class _Verdict:
         return odometry, f"the clock of one of them: {sweeps}, or {ego}"
 
     def _unknown(self, tried: Sequence[Tried]) -> Iterator[Undecided]:
-        few = f"too few pairs of sweeps match ({len(self._steps.motion)})"
+        few = f"too few pairs of sweeps match: {len(self._steps.motion)}"
         for one in filter(self._near_stated, tried):
             about, (_, sigma) = one.cause.quantity, one.fit.of(one.cause.free[0])
             if sigma > about.known:
