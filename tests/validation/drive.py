@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import planar_trajectory
@@ -185,3 +186,12 @@ def with_points(points):
 def as_at_once(time_ns, points):
     """A sweep whose points are known to be of one time."""
     return LidarSweep(timestamp_ns=time_ns, points_lidar=points, time_offset_ns=np.zeros(len(points), dtype=np.int64))
+
+
+def planted(mistakes, *, always_run, untold):
+    """Parameters of a test of planted mistakes: those that are told, slow ones but for some."""
+    return [
+        pytest.param(mistake, id=mistake.name, marks=() if mistake.name in always_run else pytest.mark.slow)
+        for mistake in mistakes
+        if mistake.name not in untold
+    ]

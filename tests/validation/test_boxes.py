@@ -16,7 +16,7 @@ from bench.validation.quick.motion import check_motion
 from benchmarks.mistakes import OF_BOXES
 from benchmarks.planted_mistakes import Outcome, counted, table, text_of, written
 from tests.annotation.street import COARSE, street
-from tests.validation.drive import box_fit_of
+from tests.validation.drive import box_fit_of, planted
 
 # No check tells of an object without a box; of the other the small drive's lidar sees one side with few beams.
 UNTOLD = {"the fastest object's boxes half a metre to its left", "the fastest object left out"}
@@ -28,14 +28,7 @@ def findings(root):
     return [*check_boxes(recording), *check_motion(recording), *box_fit_of(root).findings()]
 
 
-@pytest.mark.parametrize(
-    "mistake",
-    [
-        pytest.param(mistake, id=mistake.name, marks=() if mistake.name in ALWAYS_RUN else pytest.mark.slow)
-        for mistake in OF_BOXES
-        if mistake.name not in UNTOLD
-    ],
-)
+@pytest.mark.parametrize("mistake", planted(OF_BOXES, always_run=ALWAYS_RUN, untold=UNTOLD))
 def test_a_planted_mistake_is_named(clean, tmp_path, mistake):
     root = shutil.copytree(clean, tmp_path / "drive")
     mistake.plant(root)

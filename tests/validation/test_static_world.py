@@ -87,14 +87,7 @@ FITTED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "mistake",
-    [
-        pytest.param(mistake, id=mistake.name, marks=() if mistake.name in ALWAYS_RUN else pytest.mark.slow)
-        for mistake in OF_LIDAR
-        if mistake.name not in UNTOLD
-    ],
-)
+@pytest.mark.parametrize("mistake", drive.planted(OF_LIDAR, always_run=ALWAYS_RUN, untold=UNTOLD))
 def test_a_planted_mistake_is_named_with_its_file_and_size(winding, tmp_path, mistake):
     root = shutil.copytree(winding, tmp_path / "drive")
     mistake.plant(root)

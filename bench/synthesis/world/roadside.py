@@ -330,17 +330,18 @@ def guard_rails(plan: Plan, site: Site) -> Iterator[Mesh]:
 
 def fast_road(plan: Plan, site: Site, rng: np.random.Generator) -> Iterator[Mesh]:
     """Marker posts behind both kerbs, and gantries over the whole road."""
-    lane, section, post = plan.lane, plan.section, marker_post()
-    low_m, high_m = section.right_kerb_m - MARKER_M, section.left_kerb_m + MARKER_M
+    lane, post = plan.lane, marker_post()
+    right, left = sides = roadsides(plan)[:2]
     steps_m = np.arange(lane.begin_m + 2.0, lane.end_m, MARKER_STEP_M) if plan.spec.marker_posts else ()
     for along_m in steps_m:
-        for left_m, yaw_rad in ((low_m, np.pi), (high_m, 0.0)):
-            at = lane.pose(float(along_m), left_m, plan.spec.kerb_m, yaw_rad=yaw_rad)
+        for side in sides:
+            at = side.at(float(along_m), MARKER_M, plan.spec.kerb_m)
             if site.claim(spot(at, 0.1)):
                 yield post.moved(at)
+    low_m, high_m = right.kerb_m - 2 * MARKER_M, left.kerb_m + 2 * MARKER_M
+    span_m = high_m - low_m
     for along_m in plan.spec.gantries_at_m:
-        span_m = high_m - low_m + 2 * MARKER_M
-        at = lane.pose(along_m, high_m + MARKER_M, 0.0, yaw_rad=np.pi)  # its x against the traffic, its y to the right
-        feet = [at, lane.pose(along_m, low_m - MARKER_M, 0.0)]
+        at = lane.pose(along_m, high_m, 0.0, yaw_rad=np.pi)  # its x against the traffic, its y to the right
+        feet = [at, lane.pose(along_m, low_m, 0.0)]
         if all(site.claim(spot(foot, 0.3)) for foot in feet):
             yield gantry(span_m, plan.spec.lanes_left + 1 + plan.spec.lanes_right, rng).moved(at)
