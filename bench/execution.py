@@ -268,7 +268,7 @@ class FuturesExecutor(TaskExecutor):
 
     Attributes:
         pool: the executor; whoever made it shuts it down.
-        workers: that it has; 0 where nobody knows.
+        workers: how many; 0 where unknown.
         lost: exceptions that say that a task has lost its worker.
     """
 

@@ -125,7 +125,7 @@ class LogTable:
         return values
 
     def cells(self, name: str) -> Iterator[dict[str, Any]]:
-        """Where the cells of a column are, as `StoredCell` takes it, in order; none of them is read.
+        """Locations of a column's cells, in order, as `StoredCell` takes them; no cell is read.
 
         Raises:
             DataError: no such column, or the file is damaged.

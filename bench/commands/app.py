@@ -113,7 +113,7 @@ def _print_version(wanted: bool) -> None:
 
 
 def _installation() -> Iterator[tuple[str, str]]:
-    """What a report of a problem has to say about machine and installation."""
+    """Machine and installation, for a bug report."""
     from bench.execution import usable_cores
     from bench.harness.digests import library_versions
     from bench.harness.manifest import package_commit

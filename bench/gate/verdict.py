@@ -112,7 +112,7 @@ class Row(PairedChange):
 
 
 def changes(found: Iterable[Difference]) -> dict[str, str]:
-    """What it is and what it was of all that changed, by what changed, in the order of `OF_ITSELF`."""
+    """New and former value of everything that changed, by aspect, in the order of `OF_ITSELF`."""
     texts: dict[str, list[str]] = {}
     for difference in found:
         texts.setdefault(_TOLD_AS.get(difference.aspect, str(difference.aspect)), []).append(difference.text)

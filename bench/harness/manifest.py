@@ -312,7 +312,7 @@ def differences(before: AnswersManifest, after: AnswersManifest) -> tuple[Differ
 
 
 def _values(manifest: AnswersManifest) -> Iterator[tuple[tuple[Aspect, str], object]]:
-    """What a manifest says in words and numbers, by aspect and name."""
+    """Values of a manifest, by aspect and name."""
     data, method = manifest.dataset, manifest.method
     yield (Aspect.DATASET, ""), repr(data.name)
     yield (Aspect.SPLIT, ""), "none" if data.split is None else repr(data.split)

@@ -45,7 +45,7 @@ from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
 VERSION = "1.0.0"
-NOT_REVIEWED = "annotations: proposed, not reviewed"  # the comment of a file whose objects nobody has looked at
+NOT_REVIEWED = "annotations: proposed, not reviewed"  # comment of a file of unreviewed proposals
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 
 MOST_CORNERS = 1000  # of an outline; one that crosses itself has as many crossings as their square

@@ -184,7 +184,7 @@ def test_a_printed_document_of_json_means_what_it_says(capsys):
     assert harmless(shown)
 
 
-@pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "\n\x1b[2J", "x" * 5000])
+@pytest.mark.parametrize("name", ["../../evil", "/evil", "\n\x1b[2J", "x" * 5000])
 def test_names_of_objects_lead_nowhere(monkeypatch, capsys, tmp_path, name):
     folder = tmp_path / "a" / "b" / "work"
     tiny.write_recording(folder / "data" / "drive")
