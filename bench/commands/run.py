@@ -42,7 +42,7 @@ class Run:
     """A stored run by one protocol, as tables of pandas; its files are read when they are asked for.
 
     Attributes:
-        folder: of the results, tables and maps in it; of a part of a run the run's own, without results.
+        folder: of the results; of a part of a run the run's own, without results.
         others: the results by the other protocols that were asked for.
         files: that were written beside the results, those that are read first in front; none of a run that was read.
         remarks: on the data, and why pictures are missing, one line each.
