@@ -83,7 +83,7 @@ class Session:
             raise DataError(recording.root, expected="lidar sweeps, which are reviewed", got=got)
         self.recording, self._reviewer = recording, reviewer
         self.file = review_file(folder, recording.name)
-        self._lock, self._drawing = Lock(), Lock()
+        self._lock, self._drawing, self._reading = Lock(), Lock(), Lock()
         self._builders: dict[str, ReferenceBuilder] = {}
         empty = Review(dataset=dataset, recording=recording.name)
         self.review = read_review(self.file) if self.file.exists() else empty
@@ -181,7 +181,9 @@ class Session:
             IndexError: no such sweep.
             DataError: it cannot be read.
         """
-        return packed_sweep(self.recording.sweeps[index].read(), self.recording)
+        with self._reading:  # Python 3.11 can fail where threads parse headers of .npz at once (cpython#106905)
+            sweep = self.recording.sweeps[index].read()
+        return packed_sweep(sweep, self.recording)
 
     def image(self, camera: int, index: int) -> tuple[bytes, Json]:
         """Return an image as JPEG, made smaller where it is large, and where its camera was: rows of camera_from_world.
