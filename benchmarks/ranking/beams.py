@@ -157,9 +157,7 @@ def thin_recording(opened: OpenedSource, *, beams: Sequence[int], predictions: S
     names, large_px = [prediction.name for prediction in predictions], protocol.scoring.false_positive_component_px
     rows = {count: RankingRows(names, REFERENCES, component_size_px=large_px) for count in counts}
     lost: dict[int, list[str]] = {count: [] for count in counts}
-    others = [
-        (with_beams(opened.recording, count, of=own), protocol.reference_settings()) for count in counts if count != own
-    ]
+    others = [(with_beams(opened.recording, count, of=own), protocol.reference) for count in counts if count != own]
     for image in predicted_images(opened, predictions, protocol, others=others):
         whole = image.references[0]
         pairs = [same_objects([whole, one], image.ids, opened.instance_of)[1:] for one in image.references]

@@ -20,7 +20,7 @@ from bench.reference.motion import AnnotationIndex
 from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import silhouette
 
-RULES = load_protocol("surface-v1").reference_settings()
+RULES = load_protocol("surface-v1").reference
 LEFT, RIGHT, ABOVE, BELOW = range(4)
 OPPOSITE = [RIGHT, LEFT, BELOW, ABOVE]
 Array = NDArray[Any]
@@ -225,7 +225,7 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
 
 
 def outline_error(scanned: ScannedObject, sensor: Array, times_ns: Array, bottom: float, top: float) -> Array:
-    camera_from_world, errors = scanned.exposure.camera_from_world, RULES.outline
+    camera_from_world, errors = scanned.exposure.camera_from_world, RULES.unknown_band
     rays, lidar = camera_from_world.apply(scanned.cluster.points_world), camera_from_world.apply(sensor)
     away_m, beams = np.linalg.norm(rays, axis=1), rays - lidar
     parallax = np.linalg.norm(np.cross(rays, beams), axis=1) / (away_m * np.linalg.norm(beams, axis=1))
@@ -239,7 +239,7 @@ def outline_error(scanned: ScannedObject, sensor: Array, times_ns: Array, bottom
     along = camera_from_world.rotate(velocity / speed_mps) if speed_mps else np.zeros(3)
     across = np.linalg.norm(np.cross(rays / away_m[:, None], along), axis=1)
     limbs_m = peak * speed_mps * late_s / np.sqrt(2) * across
-    parts = (errors.angle_rad * away_m, errors.position_m, errors.range_noise_m * parallax, limbs_m)
+    parts = (np.radians(errors.angle_deg) * away_m, errors.position_m, errors.range_noise_m * parallax, limbs_m)
     return np.sqrt(sum(np.square(part) for part in parts))
 
 
