@@ -99,11 +99,6 @@ class Protocol(Rules):
         content = self.model_dump(mode="json", exclude_unset=True)
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
-    @property
-    def chance_lag_ns(self) -> int:
-        """`chance_lag_s` in nanoseconds."""
-        return round(self.scoring.chance_lag_s * 1e9)
-
 
 _SHIPPED = resources.files("bench.evaluation") / "protocols"
 

@@ -16,6 +16,7 @@ from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, FRAME_COUNTS, IMAGE, NOT_ANNOTATED, Row, frames_table, objects_table
 from bench.records.reference import ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
+from bench.times import SECOND_NS
 
 
 class SequenceScorer:
@@ -27,7 +28,7 @@ class SequenceScorer:
 
     def __init__(self, protocol: Protocol) -> None:
         self._component_size_px = protocol.scoring.false_positive_component_px
-        self._chance = ChanceScorer(lag_ns=protocol.chance_lag_ns)
+        self._chance = ChanceScorer(lag_ns=round(protocol.scoring.chance_lag_s * SECOND_NS))
         self._objects: list[Row] = []
         self._frames: list[Row] = []
 

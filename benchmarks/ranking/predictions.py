@@ -18,48 +18,17 @@ from bench.reference import ReferenceBuilder, ReferenceFrame
 from benchmarks.ranking.wrong_masks import WrongMasks
 
 # What `--methods all` stands for: real methods, good and bad, then exact masks that are wrong in known ways.
-ALL_PREDICTIONS = (
-    "spherical",
-    "spherical:flow=dis",
-    "spherical:first_guess=true",
-    "rigid-scene",
-    "epipolar-only",
-    "positive-depth-only",
-    "positive-height-only",
-    "anti-parallel-only",
-    "spherical-sparse",
-    "spherical-visual-odometry",
-    "frame-difference",
-    "background-subtraction",
-    "flow-magnitude",
-    "everything",
-    "nothing",
-    "truth",
-    "truth:cell_size_px=5",
-    "truth:grow_px=-3",
-    "truth:grow_px=4",
-    "truth:grow_px=10",
-    "truth:shape=hull",
-    "truth:shape=box",
-    "truth:shape=box:grow_px=4",
-    "truth:shift_px=2",
-    "truth:shift_px=5",
-    "truth:lag_images=1",
-    "truth:lag_images=2",
-    "truth:lag_images=4",
-    "truth:shape=upper_half",
-    "truth:shape=feet",
-    "truth:drop_share=0.1",
-    "truth:drop_share=0.25",
-    "truth:drop_share=0.5",
-    "truth:ghost_widths=0.5",
-    "truth:ghost_widths=1",
-    "truth:ghost_widths=3",
-    "truth:merge_px=20",
-    "truth:merge_px=80",
-    "truth:shadow=0.3",
-    "truth:shadow=0.8",
+REAL = (
+    "spherical spherical:flow=dis spherical:first_guess=true rigid-scene epipolar-only positive-depth-only "
+    "positive-height-only anti-parallel-only spherical-sparse spherical-visual-odometry frame-difference "
+    "background-subtraction flow-magnitude everything nothing"
 )
+WRONG = (
+    "cell_size_px=5 grow_px=-3 grow_px=4 grow_px=10 shape=hull shape=box shape=box:grow_px=4 shift_px=2 shift_px=5 "
+    "lag_images=1 lag_images=2 lag_images=4 shape=upper_half shape=feet drop_share=0.1 drop_share=0.25 drop_share=0.5 "
+    "ghost_widths=0.5 ghost_widths=1 ghost_widths=3 merge_px=20 merge_px=80 shadow=0.3 shadow=0.8"
+)
+ALL_PREDICTIONS = (*REAL.split(), "truth", *(f"truth:{how}" for how in WRONG.split()))
 OUTLINES, OBJECTS = "outlines", "objects"  # kinds of errors of wrong masks
 
 

@@ -42,7 +42,6 @@ def test_the_papers_rules() -> None:
     assert (settings.range_limit_m, settings.polygon_kind) == (8.0, "convex")
     assert settings.categories == tuple(kind for kind in Category if kind is not Category.MOVING)
     assert (settings.max_annotation_gap_ms, settings.motion.crossing_from_deg) == (100, 45)
-    assert load_protocol("paper-v1").chance_lag_ns == 1_000_000_000
 
 
 def test_surface_says_why_outlines_are_uncertain() -> None:
