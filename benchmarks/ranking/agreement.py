@@ -103,8 +103,8 @@ class Ranking:
     def of_motion(self, reference: str, column: str) -> float:
         """A value of `agreement`, mean over the kinds of motion that have object-frames; NaN without any."""
         held = [name for name in CATEGORIES if self.rows.loc[name, "cases"]]
-        found = [self.agreement.loc[(name, reference), column] for name in held]
-        return float(np.mean([getattr(one, "value", one) for one in found])) if found else float("nan")
+        values = [self.agreement.loc[(name, reference), column] for name in held]
+        return float(np.mean([getattr(value, "value", value) for value in values])) if held else float("nan")
 
 
 def read_terms(
@@ -199,18 +199,18 @@ def agreement(terms: Values, *, reference: int, predictions: Sequence[Prediction
         `tau_between`: over the pairs of masks with errors of different kinds; NaN without such pairs.
         The first three are of type `Estimate`.
     """
-    scores, drawn = metric_values(terms.sum(axis=0)), draw_recordings(terms)
-    draws = () if drawn is None else metric_values(drawn)
+    scores, sums = metric_values(terms.sum(axis=0)), draw_recordings(terms)
+    draws = () if sums is None else metric_values(sums)
 
     def estimate(statistic: Callable[[Values, Values], float], who: NDArray[np.bool_]) -> Estimate:
-        found = np.array([statistic(values[reference, who], values[-1, who]) for values in draws])
-        known = found[np.isfinite(found)]
+        drawn = np.array([statistic(values[reference, who], values[-1, who]) for values in draws])
+        known = drawn[np.isfinite(drawn)]
         ci95 = tuple(np.quantile(known, [0.025, 0.975]).tolist()) if len(known) else None
         return Estimate(statistic(scores[reference, who], scores[-1, who]), ci95)
 
     real = np.array([prediction.real for prediction in predictions])
     kinds = [prediction.error for prediction in predictions]
-    found = {
+    agreed = {
         "tau": estimate(rank_correlation, np.ones_like(real)),
         "difference": estimate(mean_difference, np.ones_like(real)),
         "difference_real": estimate(mean_difference, real),
@@ -221,9 +221,9 @@ def agreement(terms: Values, *, reference: int, predictions: Sequence[Prediction
         ranked = of_kind | [prediction.exact for prediction in predictions]
         by_lidar, by_masks = scores[reference], scores[-1]
         several = of_kind.any() and ranked.sum() > 1
-        found[f"tau_{kind}"] = rank_correlation(by_lidar[ranked], by_masks[ranked]) if several else float("nan")
-        found[f"points_{kind}"] = float((by_lidar - by_masks)[of_kind].mean()) if of_kind.any() else float("nan")
-    return found
+        agreed[f"tau_{kind}"] = rank_correlation(by_lidar[ranked], by_masks[ranked]) if several else float("nan")
+        agreed[f"points_{kind}"] = float((by_lidar - by_masks)[of_kind].mean()) if of_kind.any() else float("nan")
+    return agreed
 
 
 def surface_fits(fits: pd.DataFrame) -> pd.DataFrame:
@@ -325,10 +325,10 @@ def run_ranking(
     if len(names) < 2 or len(set(names)) < len(names):
         raise UsageError(f"--methods: expected at least two different methods to rank, got {', '.join(names)}")
     work = partial(rank_recording, predictions=tuple(predictions))
-    found, stored = audit_each(
+    ranked, stored = audit_each(
         work, card=card, split=split, recordings=recordings, executor=executor, progress=progress
     )
-    sums, fits = (pd.concat([getattr(of, name) for of in found], ignore_index=True) for name in ("scores", "fits"))
+    sums, fits = (pd.concat([getattr(of, name) for of in ranked], ignore_index=True) for name in ("scores", "fits"))
     return ranking_of(sums, fits, predictions, stored=stored)
 
 
