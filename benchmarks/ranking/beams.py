@@ -102,7 +102,11 @@ def with_beams(recording: Recording, beams: int, *, of: int) -> Recording:
 def _read_rings(
     path: Path, timestamp_ns: int, *, rings: NDArray[np.intp], reader: Callable[[Path, int], LidarSweep]
 ) -> LidarSweep:
-    sweep = reader(path, timestamp_ns)
+    return of_rings(reader(path, timestamp_ns), rings=rings)
+
+
+def of_rings(sweep: LidarSweep, *, rings: NDArray[np.intp]) -> LidarSweep:
+    """The returns of some rings of a sweep that names them."""
     assert sweep.ring is not None, "others are refused by `count_beams`"
     kept = np.isin(sweep.ring, rings)
     fields = {name: getattr(sweep, name) for name in ("points_lidar", "time_offset_ns", "intensity", "ring")}
