@@ -70,13 +70,6 @@ def test_a_shared_component_is_split_by_overlap_and_stays_whole() -> None:
     assert (one.fp, two.fp, counts.fp_px) == (2, 3, 5)
 
 
-def test_false_positives_by_cause() -> None:
-    frame = reference_frame(picture("1...."))
-    cause = np.array([[1, 0, 0, 1, 1]], dtype=np.uint8)
-    counts, _ = count_frame(frame, mask("xxxx."), cause=cause, causes=("epipolar", "depth"), component_size_px=3)
-    assert counts.fp_by_cause == {"epipolar": 2, "depth": 1}
-
-
 def test_a_mask_of_another_size_is_refused_with_the_frame_named() -> None:
     with pytest.raises(ShapeError, match=r"drive, front, 0 ns: expected a mask of \(1, 4\).*got \(1, 3\)"):
         count(reference_frame(picture("....")), mask("..."))
