@@ -224,16 +224,13 @@ CHANGES = [*OBJECT, *_OF_OBJECT, "change", *(f"{name}{side}" for name in _MEASUR
 _READ = [*OBJECT, "status", *_OF_OBJECT, "tp", "fn", "fp"]
 
 
-def changes_in_parts(
-    before: Rows, after: Rows, *, level: float = 0.0, rows_at_once: int | None = None
-) -> Iterator[pd.DataFrame]:
+def changes_in_parts(before: Rows, after: Rows, *, level: float = 0.0) -> Iterator[pd.DataFrame]:
     """Set the object-frames that both of two runs evaluated side by side, some recordings at a time.
 
     Args:
         before: of `OBJECTS_SCHEMA`, in memory or stored.
         after: of `OBJECTS_SCHEMA`, in memory or stored.
         level: coverage from which on an object counts as detected; 0 for any pixel.
-        rows_at_once: most rows of a run in memory, unless one recording has more.
 
     Yields:
         Columns `CHANGES`, a row for each object-frame, by recording, camera, time and track. `change` is "gained" or
@@ -242,7 +239,7 @@ def changes_in_parts(
     sources = as_source(before), as_source(after)
     counts = [dict(source.recordings()) for source in sources]
     shared = {name: max(rows, counts[1][name]) for name, rows in counts[0].items() if name in counts[1]}
-    for group in group_recordings(shared, rows_at_once=rows_at_once) or [[]]:
+    for group in group_recordings(shared) or [[]]:
         rows = merge_rows(*(_measured(source.read(group, _READ), level) for source in sources), on=OBJECT)
         was, is_now = rows["detected_before"], rows["detected_after"]
         change = np.select([~was & is_now, was & ~is_now, was & is_now], ["gained", "lost", "both"], "neither")

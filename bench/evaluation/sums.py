@@ -121,22 +121,20 @@ def cameras_of(sums: pd.DataFrame) -> list[str]:
     return sorted(set(sums.loc[(sums["metric"] == "images") & (sums["breakdown"] == "camera"), "slice"]))
 
 
-def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol, rows_at_once: int | None = None) -> pd.DataFrame:
+def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce the tables of a run to sums, a few recordings in memory at a time.
 
     Args:
         objects: of `OBJECTS_SCHEMA`, in memory or stored.
         frames: of `FRAMES_SCHEMA`, in memory or stored.
         protocol: that the run was made with.
-        rows_at_once: most rows in memory, unless one recording has more.
 
     Returns:
         The table of sums, columns `KEY` and `TERMS`.
     """
-    of_objects = read_parts(objects, OBJECTS_SCHEMA.names, rows_at_once=rows_at_once)
-    of_frames = read_parts(frames, COLUMNS_OF_FRAMES, rows_at_once=rows_at_once)
-    parts = [sum_objects(rows, protocol=protocol) for rows in of_objects]
-    return add_sums([*parts, *(sum_frames(rows, protocol=protocol) for rows in of_frames)])
+    of_objects = [sum_objects(rows, protocol=protocol) for rows in read_parts(objects, OBJECTS_SCHEMA.names)]
+    of_frames = [sum_frames(rows, protocol=protocol) for rows in read_parts(frames, COLUMNS_OF_FRAMES)]
+    return add_sums([*of_objects, *of_frames])
 
 
 def add_sums(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:

@@ -236,11 +236,13 @@ def test_the_order_of_the_rows_does_not_matter() -> None:
     pd.testing.assert_frame_equal(turned, object_changes(before, after))
 
 
-def test_changes_in_parts_are_those_of_the_whole() -> None:
+def test_changes_in_parts_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     (before, _), (after, _) = random_run(1), random_run(2)
-    parts = list(changes_in_parts(shuffled(before, 1), shuffled(after, 2), rows_at_once=25))
+    whole = object_changes(before, after)
+    monkeypatch.setattr("bench.evaluation.rows.ROWS_AT_ONCE", 25)
+    parts = list(changes_in_parts(shuffled(before, 1), shuffled(after, 2)))
     assert len(parts) > 1
-    pd.testing.assert_frame_equal(pd.concat(parts, ignore_index=True), object_changes(before, after))
+    pd.testing.assert_frame_equal(pd.concat(parts, ignore_index=True), whole)
 
 
 def test_a_run_against_itself_changes_nothing() -> None:

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Rows, read_sums, sum_run, write_sums
+from bench.evaluation import Rows, read_sums, rows, sum_run, write_sums
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.rows import group_recordings
 from bench.evaluation.sums import KEY
@@ -24,8 +24,10 @@ from tests.support.counts import write_counts
 Tables = tuple[Rows, Rows]
 
 
-def reduced(tables: Tables, rows_at_once: int | None = None) -> pd.DataFrame:
-    return sum_run(*tables, protocol=PAPER, rows_at_once=rows_at_once)
+def reduced(tables: Tables, rows_at_once: int = rows.ROWS_AT_ONCE) -> pd.DataFrame:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(rows, "ROWS_AT_ONCE", rows_at_once)
+        return sum_run(*tables, protocol=PAPER)
 
 
 def in_order(sums: pd.DataFrame) -> pd.DataFrame:
