@@ -181,8 +181,8 @@ def beyond_beam(corners: Floats, beam: Beam, *, end_m: float) -> Floats:
 def behind_its_returns(scanned: ScannedObject) -> Raster | None:
     """Part of the annotated shape that lies behind its own returns: there the lidar sees nothing, and a camera may.
 
-    Its pixels are those that the middle lines of patches with a free side, across and upright, sweep on their way along
-    the beam to the end of the shape: behind the outline, and behind an edge with a farther surface beside it, as that of
+    Its pixels are those that the middle lines of patches with a free side, across and upright, sweep on their way
+    along the beam to the end of the shape: behind the outline, and behind an edge beside a farther surface, as that of
     a lorry's floor, whose underside a low camera sees. None where no such patch or no shape is known.
     """
     shape = Prism.around(scanned.parts_world)

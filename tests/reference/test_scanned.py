@@ -246,8 +246,8 @@ def test_sweeps_of_two_lidars_in_one_are_certain_of_less_but_not_wrong(apart_m: 
 
 
 def test_the_underside_of_a_floor_that_only_the_camera_sees_is_unknown():
-    """A flank 6 m ahead ends 1.2 m above the road; below it the lidar meets a recess 1.5 m deeper, without a gap between
-    rows. The camera is lower than the lidar: below the edge it sees the floor.
+    """A flank 6 m ahead ends 1.2 m above the road; below it the lidar meets a recess 1.5 m deeper, without a gap
+    between rows. The camera is lower than the lidar: below the edge it sees the floor.
     """
     wall, _ = wall_recording(width_m=2.0, away_m=6.0)
     points, box = wall.sweeps[0].read().points_lidar, wall.tracks[0].states[0].shape
