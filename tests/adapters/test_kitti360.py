@@ -144,7 +144,7 @@ def test_the_reference_lies_on_the_car_in_the_image(root, frame):
     recording = opened(root)
     camera = recording.cameras["image_03"]
     image = next(i for i in recording.images["image_03"] if i.timestamp_ns == tiny.time_ns(frame))
-    builder = ReferenceBuilder(recording, "image_03", load_protocol("paper-v1").reference_settings())
+    builder = ReferenceBuilder(recording, "image_03", load_protocol("paper-v1").reference)
     seen = builder.geometry("26003", image)
     assert len(seen.cluster_vehicle) == len(tiny.surface())
     assert seen.cluster_vehicle == pytest.approx(tiny.car_at(frame), abs=0.02)  # uncorrected: up to 0.5 m off

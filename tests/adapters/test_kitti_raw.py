@@ -64,7 +64,7 @@ def test_boxes_and_how_they_move(root):
 def test_points_have_their_times_by_a_scanner_that_turns_to_the_left(root):
     recording = opened(root)
     image = recording.images["image_02"][4]
-    builder = ReferenceBuilder(recording, "image_02", load_protocol("paper-v1").reference_settings())
+    builder = ReferenceBuilder(recording, "image_02", load_protocol("paper-v1").reference)
     car = tiny.car_in_vehicle_m(image.timestamp_ns) + tiny.surface()
     assert builder.geometry("Car 1", image).cluster_vehicle == pytest.approx(car, abs=0.005)  # else up to 7 cm off
     sweep = recording.sweeps[4].read()

@@ -31,7 +31,7 @@ def opened(root, number=0, **options):
 
 def reference_of(recording, protocol="masks-v1"):
     (camera,) = recording.cameras
-    builder = ReferenceBuilder(recording, camera, load_protocol(protocol).reference_settings())
+    builder = ReferenceBuilder(recording, camera, load_protocol(protocol).reference)
     return builder.build(recording.images[camera][1])
 
 

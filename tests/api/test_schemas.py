@@ -120,7 +120,7 @@ def test_fields_are_explained_by_what_the_models_say_of_them():
     assert rig["$defs"]["LidarRig"]["properties"]["topic"]["description"].startswith("of point clouds")
     assert "in /tf_static, which" in rig["$defs"]["LidarRig"]["properties"]["frame"]["description"]  # of its base
     rules = json_schema("protocol")["$defs"]
-    assert "slower than this" in rules["MotionRules"]["properties"]["object_static_mps"]["description"]
+    assert "slower than this" in rules["MotionSettings"]["properties"]["object_static_mps"]["description"]
     bare = {
         (name, field)
         for schema in ("card", "recording", "rig")

@@ -25,7 +25,7 @@ from tests.reference.drives import (
 )
 from tests.support.limits import memory_below
 
-SURFACE = with_settings(polygon_kind="surface-patches", clearance_above_shape=True, outline=ERRORS)
+SURFACE = with_settings(polygon_kind="surface-patches", unknown_band=ERRORS)
 
 
 @pytest.fixture
@@ -85,7 +85,10 @@ def test_a_sparser_lidar_has_a_wider_band():
 
 def test_limbs_and_times_that_nobody_tells_widen_the_band(wall):
     late = replace(wall, images={"front": (replace(wall.images["front"][0], timestamp_ns=50_000_000),)})
-    walker, still = with_class(late, "pedestrian"), replace(SURFACE, outline=replace(ERRORS, limbs={}))
+    walker, still = (
+        with_class(late, "pedestrian"),
+        SURFACE.model_copy(update={"unknown_band": ERRORS.model_copy(update={"limbs": {}})}),
+    )
     solid_px, still_px = object_of(late).unknown_px, object_of(walker, still).unknown_px
     assert object_of(walker).unknown_px > still_px >= solid_px
     # A second sweep tells how long a revolution takes: without times of points, when in it was the wall met?
@@ -111,7 +114,7 @@ def test_a_box_that_is_tight_by_centimetres_keeps_its_noisy_returns(wall, shape)
     exact = annotated_as(wall, "cuboid") if shape == "cuboid" else wall
     shares = []
     for margin_m in (0.0, 0.05):
-        settings = replace(SURFACE, shape_margin_m=margin_m)
+        settings = SURFACE.model_copy(update={"shape_margin_m": margin_m})
         shares.append(object_of(with_points(exact, noisy), settings).points / object_of(exact, settings).points)
     assert shares[0] < 0.75
     assert shares[1] > 0.98
@@ -145,8 +148,8 @@ def test_points_near_the_ground_on_which_an_object_stands_are_no_part_of_any_kin
     upwards = RigidTransform(np.eye(3), np.array([0.0, 0.0, 0.12]))
     recording = with_state(wall, shape=replace(box, vehicle_from_object=upwards @ box.vehicle_from_object))
     lowest_m = []
-    for above_shape in (False, True):
-        settings = with_settings(polygon_kind=kind, clearance_above_shape=above_shape, ground_clearance_m=0.1)
+    for above_shape in ("road", "shape"):
+        settings = with_settings(polygon_kind=kind, ground_clearance_above=above_shape, ground_clearance_m=0.1)
         builder = ReferenceBuilder(recording, "front", settings)
         points = builder.geometry("object-0", recording.images["front"][0]).cluster_vehicle
         lowest_m.append(points[:, 2].min())
