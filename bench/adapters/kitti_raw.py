@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti_files import read_clock, read_turn
+from bench.adapters.kitti_files import read_calibration, read_clock, read_turn
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
@@ -73,7 +73,6 @@ from bench.records.recording import (
 CameraName = Literal["image_00", "image_01", "image_02", "image_03"]
 DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d{4}_sync")
 SCANS, MOTION, TRACKLETS = "velodyne_points", "oxts", "tracklet_labels.xml"
-LARGEST_CALIBRATION_BYTES = 100_000
 OXTS_FIELDS = 30  # latitude, longitude (degrees), altitude (m), roll, pitch, yaw (rad, yaw from east to the left), ...
 EARTH_M = 6_378_137.0
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
@@ -178,54 +177,31 @@ def _read_rig(
 ) -> tuple[RigidTransform, RigidTransform, dict[str, MountedCamera]]:
     """Mountings of the laser scanner and of the GPS/IMU, and the cameras."""
     within = linked_folder(root, folder, levels=options.follow_links)
-    file = folder / "calib_cam_to_cam.txt"
-    stated = _calibration(within, file)
-    lidar_from_imu = _mounting(within, folder / "calib_imu_to_velo.txt")
-    camera_0_from_lidar = _mounting(within, folder / "calib_velo_to_cam.txt")
+    lenses = read_calibration(within, folder / "calib_cam_to_cam.txt")
+    imu = read_calibration(within, folder / "calib_imu_to_velo.txt")
+    velodyne = read_calibration(within, folder / "calib_velo_to_cam.txt")
+    lidar_from_imu = imu.transform("R", imu.numbers("T", 3))
+    camera_0_from_lidar = velodyne.transform("R", velodyne.numbers("T", 3))
     vehicle_from_lidar = RigidTransform(lidar_from_imu.rotation.T, np.array(options.lidar_position_m))
-    rectified_from_camera_0 = _rotation(stated, "R_rect_00", file)
+    rectified_from_camera_0 = lenses.transform("R_rect_00", np.zeros(3))
     cameras: dict[str, MountedCamera] = {}
     for name in names:
         number = name.removeprefix("image_")
-        width, height = _stated(stated, f"S_rect_{number}", 2, file)
-        projection = np.array(_stated(stated, f"P_rect_{number}", 12, file)).reshape(3, 4)
-        with located(file, f"P_rect_{number}"):
+        width, height = lenses.numbers(f"S_rect_{number}", 2).tolist()
+        projection = lenses.numbers(f"P_rect_{number}", 3, 4)
+        with located(lenses.file, f"P_rect_{number}"):
             lens = PinholeCamera(
                 width=round(width),
                 height=round(height),
                 focal=(float(projection[0, 0]), float(projection[1, 1])),
                 principal_point=(float(projection[0, 2]), float(projection[1, 2])),
             )
-        camera_from_rectified = RigidTransform(np.eye(3), np.linalg.solve(projection[:, :3], projection[:, 3]))
+        offset_m = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]), dtype=np.float64)
+        camera_from_rectified = RigidTransform(np.eye(3), offset_m)
         camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
         vehicle_from_camera = vehicle_from_lidar @ camera_from_lidar.inverse()
-        cameras[name] = options.mounted(name, lens, vehicle_from_camera, file=file, field=name)
+        cameras[name] = options.mounted(name, lens, vehicle_from_camera, file=lenses.file, field=name)
     return vehicle_from_lidar, vehicle_from_lidar @ lidar_from_imu, cameras
-
-
-def _calibration(root: Path, file: Path) -> dict[str, list[str]]:
-    """Numbers by name, as words."""
-    refuse_escape(root, file, file=file)
-    lines = [line.partition(":") for line in read_text(file, largest_bytes=LARGEST_CALIBRATION_BYTES).splitlines()]
-    return {name.strip(): words.split() for name, colon, words in lines if colon}
-
-
-def _stated(calibration: Mapping[str, list[str]], name: str, count: int, file: Path) -> list[float]:
-    if name not in calibration:
-        raise DataError(file, field=name, expected=f"a line with {count} numbers", got="none")
-    return numbers(calibration[name], count, file=file, field=name)
-
-
-def _rotation(calibration: Mapping[str, list[str]], name: str, file: Path) -> RigidTransform:
-    matrix = np.array(_stated(calibration, name, 9, file)).reshape(3, 3)
-    with located(file, name):
-        return RigidTransform.from_matrix(np.column_stack([matrix, np.zeros(3)]))
-
-
-def _mounting(root: Path, file: Path) -> RigidTransform:
-    """The transform of a file with `R` and `T`."""
-    calibration = _calibration(root, file)
-    return RigidTransform(_rotation(calibration, "R", file).rotation, np.array(_stated(calibration, "T", 3, file)))
 
 
 def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> Trajectory:

@@ -38,7 +38,7 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state, read_annotations
-from bench.recordings.catalogue import RecordingHandle, handles_of
+from bench.recordings.catalogue import RecordingHandle, handles_of, median_interval_ns
 from bench.recordings.mounting import FisheyeOptions
 from bench.recordings.validation import ForeignModel, SidePx, located, validated
 from bench.records.recording import (
@@ -145,11 +145,10 @@ def open_log(root: Path, folder: Path, options: LogOptions, *, annotations: Path
         tracks = read_annotations(annotations)
     else:
         tracks = _read_tracks(LogTable(boxes), trajectory) if boxes.is_file() else ()
-    steps_ns = [np.diff([image.timestamp_ns for image in own]) for own in images.values() if len(own) > 1]
     return Recording(
         name=folder.name,
         root=root,
-        frame_interval_ns=int(np.median(np.concatenate(steps_ns))) if steps_ns else 100 * MILLISECOND_NS,
+        frame_interval_ns=median_interval_ns(images, file=folder),
         cameras=cameras,
         images=images,
         trajectory=trajectory,
@@ -207,7 +206,7 @@ def _sweeps(folder: Path, options: LogOptions) -> tuple[tuple[SweepRef, ...], Ri
 
 
 def _trajectory(ego: LogTable, imu_from_vehicle: RigidTransform) -> Trajectory:
-    poses = ego.rows("imu_se3", width=POSE_WIDTH)
+    poses = ego.vectors("imu_se3", ego.items("imu_se3"), width=POSE_WIDTH)
     there = np.isfinite(poses).all(axis=1) & poses[:, 3:].any(axis=1)
     if not there.all():
         raise DataError(ego.path, field=f"imu_se3, row {int(there.argmin()) + 1}", expected="a pose", got="none")
@@ -412,16 +411,14 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
         )
     classes = CLASSES[label_class]
     times_ns = table.times_ns()
-    stored = [row or () for row in table.column("track_token").to_pylist()]
-    counts = np.array([len(row) for row in stored], dtype=np.int64)
+    stored = table.items("track_token")
     tokens = [str(token) for row in stored for token in row]
-    labels = [label for row in table.column("label").to_pylist() for label in row or ()]
-    boxes = _flat(table, "bounding_box_se3", BOX_WIDTH, len(tokens))
-    velocities = _flat(table, "velocity_3d", VELOCITY_WIDTH, len(tokens))
-    if len(labels) != len(tokens):
-        got = f"{len(labels)} labels, {len(tokens)} track tokens"
-        raise DataError(table.path, expected="a label for each track token", got=got)
-    at_row = np.repeat(np.arange(len(counts)), counts)
+    labels = _of_each(table, "label", tokens)
+    boxes, velocities = (
+        table.vectors(name, _of_each(table, name, tokens), width=width)
+        for name, width in (("bounding_box_se3", BOX_WIDTH), ("velocity_3d", VELOCITY_WIDTH))
+    )
+    at_row = np.repeat(np.arange(len(stored)), [len(row) for row in stored])
     at_ns = times_ns[at_row]
     velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
     rows: dict[str, list[int]] = defaultdict(list)
@@ -436,13 +433,13 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
     )
 
 
-def _flat(table: LogTable, name: str, width: int, count: int) -> NDArray[np.float64]:
-    """(count, width) float64 of a column of lists of lists; NaN where one is missing."""
-    rows = [values for row in table.column(name).to_pylist() for values in row or ()]
-    flat = np.array([values or (np.nan,) * width for values in rows], dtype=np.float64).reshape(-1, width)
-    if len(flat) != count:
-        raise DataError(table.path, field=name, expected=f"one for each of {count} boxes", got=str(len(flat)))
-    return flat
+def _of_each(table: LogTable, name: str, tokens: list[str]) -> list[Any]:
+    """What a column says of each box, one behind the other."""
+    values = [value for row in table.items(name) for value in row]
+    if len(values) != len(tokens):
+        got = str(len(values))
+        raise DataError(table.path, field=name, expected=f"one for each of {len(tokens)} boxes", got=got)
+    return values
 
 
 def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -1,13 +1,16 @@
 """The adapter of KITTI's raw drives: a miniature with known truth, and the real tracklets."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from bench.adapters.kitti_raw import CLASSES, kitti_raw_recordings, read_tracklets
+from bench.adapters.kitti_raw import CLASSES, read_tracklets
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.recordings import COMPLETELY, NOT_ANNOTATED
 from bench.reference import ReferenceBuilder
+from tests.support import data_sets
 from tests.support import tiny_kitti_raw as tiny
 from tests.support.real import REAL, needs_real
 
@@ -17,9 +20,7 @@ def root(tmp_path):
     return tiny.write_data_set(tmp_path / "kitti")
 
 
-def opened(root, **options):
-    (handle,) = kitti_raw_recordings(root, options=options, card=root / "card.yaml", annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "kitti-raw")
 
 
 def test_sensors_stand_where_the_calibration_puts_them(root):

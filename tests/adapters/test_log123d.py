@@ -13,7 +13,7 @@ from bench.recordings import list_cards, open_dataset, read_image
 from bench.recordings.cards import shipped_folder
 from bench.records.recording import Cuboid
 from bench.records.reference import OBJECT_CLASSES
-from tests.support import log123d
+from tests.support import data_sets, log123d
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +21,7 @@ def native(tmp_path_factory):
     return log123d.tiny_recording(tmp_path_factory.mktemp("native"))
 
 
-def opened(root, **options):
-    (handle,) = log123d_recordings(root, options=log123d.OPTIONS | options, card=root / "card.yaml", annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "123d", **log123d.OPTIONS)
 
 
 def assert_same(found, native):

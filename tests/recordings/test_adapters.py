@@ -41,21 +41,10 @@ def test_recordings_have_what_the_reference_needs(card):
     assert recording.vehicle_outline_m.shape[1] == 2
 
 
-def add_adapter(monkeypatch, value):
-    point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
-    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
-
-
-def test_a_package_adds_an_adapter(tmp_path, monkeypatch):
-    add_adapter(monkeypatch, "bench.recordings.native:native_recordings")
-    native(tmp_path / "data")
-    (handle,) = open_dataset(load_card(write_card(tmp_path, adapter="mine")))
-    assert handle.open().name == "drive"
-
-
 @pytest.mark.parametrize("value", ["no_such_module_of_anybody:listing", "bench.recordings:no_such_name", "bench"])
 def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, monkeypatch, value):
-    add_adapter(monkeypatch, value)
+    point = EntryPoint(name="mine", value=value, group="fisheye_bench.adapters")
+    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
     native(tmp_path / "data")
     with pytest.raises(UsageError, match="adapter 'mine': expected a function "):
         open_dataset(load_card(write_card(tmp_path, adapter="mine")))

@@ -24,7 +24,7 @@ one by one after that.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -64,7 +64,7 @@ from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.catalogue import RecordingHandle, median_interval_ns
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import Mounting, body_mask, camera_model, mounted_camera
 from bench.recordings.validation import validated
@@ -117,7 +117,7 @@ def open_rosbag(
     recording = Recording(
         name=name,
         root=root,
-        frame_interval_ns=rig.frame_interval_ns or _median_interval_ns(images, bag),
+        frame_interval_ns=rig.frame_interval_ns or median_interval_ns(images, file=bag.path),
         cameras={camera: opening.camera(root, camera, entry) for camera, entry in rig.cameras.items()},
         images=images,
         trajectory=opening.trajectory(),
@@ -140,13 +140,6 @@ def open_rosbag(
     return replace(recording, contents=tuple(opening.contents()))
 
 
-def _median_interval_ns(images: Mapping[str, tuple[ImageRef, ...]], bag: Bag) -> int:
-    steps_ns = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]
-    if not steps_ns:
-        raise DataError(bag.path, expected="two images of a camera at least", got="one")
-    return int(np.median(np.concatenate(steps_ns)))
-
-
 class _Opening:
     """A bag that was walked through: where the messages of the sensors are, and what the others say.
 
@@ -159,25 +152,21 @@ class _Opening:
         self.losses = [*bag.losses]
         self._frames, self._motion = _StaticFrames(), _EgoMotionMessages(rig.ego_motion)
         self._counts: Counter[str] = Counter()
-        self._rows = {topic: TimedRows(4, "q") for topic in rig.sensor_topics}
-        self._walk(self._motion.topics)
-
-    def _walk(self, motion: Set[str]) -> None:
-        """Find the messages of the sensors, and read those of the ego-motion and the frames."""
-        read = motion | {STATIC_FRAMES}
-        for message in bag_messages(self._bag, listed=self._rows, read=read, counts=self._counts):
+        self._rows = {topic: TimedRows() for topic in rig.sensor_topics}
+        read = self._motion.topics | {STATIC_FRAMES}
+        for message in bag_messages(bag, listed=self._rows, read=read, counts=self._counts):
             name, position = message.topic.name, message.position
             if name == STATIC_FRAMES:
                 self._frames.take(message)
-            if name in motion:
+            if name in self._motion.topics:
                 self._motion.take(message)
             if name in self._rows:
                 numbers = (message.file_number, position.chunk, position.offset, position.size)
                 self._rows[name].add(message, numbers)
-        for name, stated in self._bag.counts.items():
+        for name, stated in bag.counts.items():
             if self._counts[name] < stated:
                 expected, got = f"{stated} messages, as metadata.yaml says", str(self._counts[name])
-                self.losses.append(DataError(self._bag.path, field=name[:80], expected=expected, got=got))
+                self.losses.append(DataError(bag.path, field=name[:80], expected=expected, got=got))
 
     def contents(self) -> Iterator[Content]:
         """The topics of the bag, read and not read, and what is lost of them."""
@@ -271,7 +260,7 @@ class _EgoMotionMessages:
         self._max_gap_ns = rig.max_gap_ns
         signals = {"odometry": rig.odometry, "speed": rig.speed, "yaw_rate": rig.yaw_rate, "reverse": rig.reverse}
         self._signals = {name: signal for name, signal in signals.items() if signal is not None}
-        self._rows = {name: TimedRows(7 if name == "odometry" else 1, "d") for name in self._signals}
+        self._rows = {name: TimedRows() for name in self._signals}
         self.topics = frozenset(signal.topic for signal in self._signals.values())
 
     def take(self, message: BagMessage) -> None:

@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 from bench.errors import BenchError, DataError
 from bench.methods.predictions.maps import STATEMENT, ImageSizes, Prediction
+from bench.plain_text import listed
 from bench.plain_yaml import parse_yaml
 from bench.recordings import DatasetCard, RecordingHandle, frame_gaps, open_dataset
 from bench.recordings.files import read_text
@@ -28,21 +29,6 @@ class FolderStatement(FileModel):
     """
 
     sixteen_bits: Literal["score"] | None = None
-
-
-def read_statement(root: Path) -> FolderStatement:
-    """What a folder says of its predictions; nothing without a file.
-
-    Raises:
-        DataError: there is no such folder, or its file says something else.
-    """
-    if not root.is_dir():
-        raise DataError(root, expected="a folder of predictions", got="no such folder")
-    file = root / STATEMENT
-    if not file.exists():
-        return FolderStatement()
-    content = parse_yaml(read_text(file, largest_bytes=LARGEST_STATEMENT_BYTES), file=file)
-    return validated(FolderStatement, content or {}, file=file)
 
 
 class FaultKind(StrEnum):
@@ -155,8 +141,11 @@ class PredictionIndex:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
-        self.form = read_statement(root).sixteen_bits or "mask"
+        if not root.is_dir():
+            raise DataError(root, expected="a folder of predictions", got="no such folder")
+        self._root, file = root, root / STATEMENT
+        stated = parse_yaml(read_text(file, largest_bytes=LARGEST_STATEMENT_BYTES), file=file) if file.exists() else {}
+        self.form = validated(FolderStatement, stated, file=file).sixteen_bits or "mask"
         self.predictions: dict[ImageKey, Prediction] = {}
         self.usable: dict[ImageKey, str] = {}
         self.faults: list[Fault] = []
@@ -223,12 +212,7 @@ class PredictionIndex:
             for file in files:
                 self._fault(FaultKind.EXTRA, file, "its recording, camera and name are of no image of the data set")
         if not any(prediction.files for prediction in self.predictions.values()):
-            extra = self.of_kind(FaultKind.EXTRA)
-            got = (
-                f"{len(extra)} files and none of them does, the first {extra[0].place}"
-                if extra
-                else "no file that does"
-            )
+            got = listed([fault.place for fault in self.of_kind(FaultKind.EXTRA)], most=1) or "no file"
             example = f", such as {next(iter(self.predictions))}.png" if self.predictions else ""
             raise DataError(self._root, expected=f"predictions that name images that are scored{example}", got=got)
 
