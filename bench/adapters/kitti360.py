@@ -26,7 +26,7 @@ What is translated here, once:
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -143,11 +143,12 @@ def open_kitti360(root: Path, folder: Path, options: Kitti360Options, *, annotat
     drive = read_drive(inside(root / POSES / sequence / "poses.txt"), clock, vehicle_from_imu)
     boxes = root / BOXES / options.boxes / f"{sequence}.xml"
     tracks: tuple[Track, ...] = ()
-    windows: tuple[tuple[int, int], ...] = ()
+    windows: set[tuple[int, int]] = set()
     if annotations is not None:
         tracks = read_annotations(annotations)
     elif boxes.is_file():
-        tracks, windows = tracks_from_world(read_boxes(inside(boxes)), drive, clock)
+        objects, windows = read_boxes(inside(boxes))
+        tracks = tracks_from_world(objects, drive, clock)
     left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
 
     def evaluated(files: Mapping[int, Path]) -> list[tuple[int, Path]]:
@@ -183,7 +184,7 @@ def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, .
     return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
 
 
-def _within(frame: int, spans: Sequence[tuple[int, int]]) -> bool:
+def _within(frame: int, spans: Iterable[tuple[int, int]]) -> bool:
     return any(first <= frame <= last for first, last in spans)
 
 
