@@ -95,16 +95,9 @@ def test_two_sequences_of_one_name_are_refused(folder, tmp_path):
         open_dataset(load_card(card))
 
 
-@pytest.mark.parametrize(
-    ("file", "told"),
-    [
-        ("../speed.csv", r"options\.ego_motion\.file: expected a relative path without '\.\.'"),
-        ("none.csv", r"none\.csv: expected a readable file"),
-    ],
-)
-def test_ego_motion_stays_inside_the_data_set(folder, tmp_path, file, told):
-    with pytest.raises(DataError, match=told):
-        opened(tmp_path, ego_motion={"file": file})
+def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
+    with pytest.raises(DataError, match=r"options\.ego_motion\.file: expected a relative path without '\.\.'"):
+        opened(tmp_path, ego_motion={"file": "../speed.csv"})
 
 
 # A place in the Black Forest, and the axes east, north and up there.

@@ -23,7 +23,7 @@ def root(tmp_path):
 opened = partial(data_sets.opened, "kitti-raw")
 
 
-def test_sensors_stand_where_the_calibration_puts_them(root):
+def test_sensors_stand_where_the_calibration_puts_them_and_each_has_its_own_times(root):
     recording = opened(root)
     camera = recording.cameras["image_02"]
     assert recording.vehicle_from_lidar.translation_m == pytest.approx(tiny.LIDAR_M)
@@ -32,9 +32,6 @@ def test_sensors_stand_where_the_calibration_puts_them(root):
     assert (camera.model.focal, camera.model.principal_point) == ((72.0, 72.0), tiny.CENTRE_PX)
     assert (camera.model.width, camera.model.height) == (tiny.WIDTH, tiny.HEIGHT)
 
-
-def test_each_sensor_has_its_own_times(root):
-    recording = opened(root)
     assert [image.timestamp_ns for image in recording.images["image_02"]] == [tiny.time_ns(n) for n in range(8)]
     later = [tiny.time_ns(n, tiny.SCAN_LATER_NS) for n in range(8)]
     assert [sweep.timestamp_ns for sweep in recording.sweeps] == later

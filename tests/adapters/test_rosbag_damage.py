@@ -249,26 +249,15 @@ def database(file, *statements):
         connection.commit()
 
 
+GENERATED = "CREATE TABLE {} (id INTEGER PRIMARY KEY, {} AS ({}))"
+TOPICS = GENERATED.format("topics", "name, type, serialization_format", "hex(zeroblob(500000))")
+MESSAGES = GENERATED.format("messages", "topic_id, timestamp, data", "zeroblob(900000000)")
 MANY = "WITH RECURSIVE n(i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < 100000) INSERT INTO topics"
 HOSTILE_DATABASES = [
     (["INSERT INTO messages VALUES (6, 2, 8, x'61')"], r"the row \(6, 2, 8, 1\) of the table messages"),
     (["DROP TABLE topics"], "expected the tables topics and messages, as in a bag of ROS 2, got messages"),
-    (
-        [
-            "DROP TABLE topics",
-            "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format AS (hex(zeroblob(500000))))",
-            f"{MANY} SELECT i, 'a', 'b' FROM n",
-        ],
-        "topics and definitions of more than 33554432 bytes",
-    ),
-    (
-        [
-            "DROP TABLE messages",
-            "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(900000000)))",
-            "INSERT INTO messages VALUES (5, 1, 7)",
-        ],
-        "too big",
-    ),
+    (["DROP TABLE topics", TOPICS, f"{MANY} SELECT i, 'a', 'b' FROM n"], "definitions of more than 33554432 bytes"),
+    (["DROP TABLE messages", MESSAGES, "INSERT INTO messages VALUES (5, 1, 7)"], "too big"),
 ]
 
 

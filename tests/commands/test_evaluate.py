@@ -3,24 +3,60 @@
 import json
 import re
 import shutil
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import pytest
 
+import bench
 from bench.harness import read_run, read_tables
+from bench.methods import Segmentation, build_method
 from bench.recordings import load_card, open_dataset
+from bench.reference import ReferenceFrame
 from bench.reporting.run_tables import odd_masks
-from tests.commands.predictions import CAMERA, images_of, write_map, write_maps
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 
 METHOD_COLUMNS = {"undefined_px", "fp_by_cause"}  # what only a method that runs can tell
 
 
+class Image(NamedTuple):
+    """An image that has one before it, and what the paper's method answers."""
+
+    place: str
+    timestamp_ns: int
+    reference: ReferenceFrame
+    answer: Segmentation
+
+    @property
+    def moving(self):
+        return (self.reference.labels > 0).astype(np.uint8) * 255
+
+
 @pytest.fixture(scope="session")
 def images(tiny_card):
-    return images_of(tiny_card)
+    method = build_method("spherical")
+    return [
+        Image(f"{frame.recording}/front", frame.timestamp_ns, frame.reference, method.segment(frame.input))
+        for frame in bench.open_dataset(tiny_card).frames(protocol="paper-v1")
+    ]
+
+
+def write_map(folder, place, name, values):
+    file = folder / place / f"{name}.png"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    if values.dtype == np.uint16:
+        (folder / "predictions.yaml").write_text("sixteen_bits: score\n")
+    assert cv2.imwrite(str(file), values)
+
+
+def write_maps(folder, images, values_of):
+    """A file for every image, named by its time."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for image in images:
+        write_map(folder, image.place, image.timestamp_ns, values_of(image))
+    return folder
 
 
 @pytest.fixture
@@ -249,7 +285,7 @@ def test_images_are_not_read_for_masks(evaluate, masks, tiny_card, tmp_path):
     card = folder / tiny_card.name
     without_scenario(card)
     for handle in open_dataset(load_card(str(card))):
-        for image in handle.open().images[CAMERA]:
+        for image in handle.open().images["front"]:
             image.path.write_bytes(b"")
     summary = read_run(evaluate(masks, card=card)).summary
     assert (summary.images.evaluated, summary.all_moving.iou.value) == (12, 1.0)

@@ -8,14 +8,14 @@ import pytest
 from tests.support.commands import call, error_line
 from tests.validation import drive
 
-CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {label_set}\n"
+CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n"
 
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
     drive.write_drive(folder / "data" / "drive", drive.MARGIN_M)
-    (folder / "street.yaml").write_text(CARD.replace("annotations: {label_set}\n", ""))
+    (folder / "street.yaml").write_text(CARD)
     return folder
 
 
