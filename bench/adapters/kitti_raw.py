@@ -63,6 +63,7 @@ from bench.records.recording import (
     NOT_ANNOTATED,
     ImageRef,
     MountedCamera,
+    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -366,41 +367,35 @@ def _tracks(
     numbered: dict[str, int] = defaultdict(int)
     tracks = []
     for i, tracklet in enumerate(read_tracklets(file)):
-        if tracklet.label not in CLASSES:
+        field, label = f"tracklets.item {i}", tracklet.label
+        if label not in CLASSES:
             expected = f"one of {', '.join(CLASSES)}"
-            raise DataError(file, field=f"tracklets.item {i}.objectType", expected=expected, got=tracklet.label[:40])
-        numbered[tracklet.label] += 1
-        name = f"{tracklet.label} {numbered[tracklet.label]}"
-        tracks.append(_track(name, tracklet, times_ns, vehicle_from_lidar, trajectory, file, f"tracklets.item {i}"))
+            raise DataError(file, field=f"{field}.objectType", expected=expected, got=label[:40])
+        numbered[label] += 1
+        poses = [pose for pose in tracklet.poses if pose.state != UNSET and pose.number in times_ns]
+        boxes = [
+            vehicle_from_lidar @ upright_box(pose, tracklet.hwl_m[0], file, f"{field}, frame {pose.number}")
+            for pose in poses
+        ]
+        at_ns = np.array([times_ns[pose.number] for pose in poses], dtype=np.int64)
+        states = _states(at_ns, boxes, tracklet.hwl_m[::-1], trajectory)
+        tracks.append(Track(track_id=f"{label} {numbered[label]}", object_class=CLASSES[label], states=states))
     return tuple(track for track in tracks if track.states)
 
 
-def _track(
-    name: str,
-    tracklet: Tracklet,
-    times_ns: Mapping[int, int],
-    vehicle_from_lidar: RigidTransform,
-    trajectory: Trajectory,
-    file: Path,
-    field: str,
-) -> Track:
-    poses = [pose for pose in tracklet.poses if pose.state != UNSET and pose.number in times_ns]
-    at_ns = np.array([times_ns[pose.number] for pose in poses], dtype=np.int64)
+def _states(
+    at_ns: NDArray[np.int64], boxes: list[RigidTransform], size_m: tuple[float, ...], trajectory: Trajectory
+) -> tuple[ObjectState, ...]:
+    """States of boxes of one size, which move as their places in the world do."""
     rotations, positions_m, valid = trajectory.at(at_ns)
-    boxes = [
-        vehicle_from_lidar @ upright_box(pose, tracklet.hwl_m[0], file, f"{field}, frame {pose.number}")
-        for pose in poses
-    ]
     centres = np.array([box.translation_m for box in boxes]).reshape(-1, 3)
     turned = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
-    velocities: NDArray[np.float64] = np.full((len(poses), 3), np.nan)
-    yaw_rates_radps = np.zeros(len(poses))
+    velocities: NDArray[np.float64] = np.full((len(boxes), 3), np.nan)
+    yaw_rates_radps = np.zeros(len(boxes))
     places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
     velocities[valid] = world_velocities(at_ns[valid], places[valid])
     yaw_rates_radps[valid] = world_yaw_rates(at_ns[valid], (rotations @ turned)[valid])
-    length_width_height_m = tracklet.hwl_m[::-1]
-    states = tuple(
-        box_state(at_ns[i], boxes[i], length_width_height_m, rotations[i].T @ velocities[i], yaw_rates_radps[i])
+    return tuple(
+        box_state(at_ns[i], boxes[i], size_m, rotations[i].T @ velocities[i], yaw_rates_radps[i])
         for i in np.flatnonzero(valid)
     )
-    return Track(track_id=name, object_class=CLASSES[tracklet.label], states=states)

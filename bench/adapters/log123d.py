@@ -46,6 +46,7 @@ from bench.records.recording import (
     NOT_ANNOTATED,
     ImageRef,
     MountedCamera,
+    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -427,10 +428,15 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
             own = rows[token]
             if not own or at_row[own[-1]] != at_row[row]:
                 own.append(row)
-    return tuple(
-        _track(token, np.array(own), classes[labels[own[0]]], at_ns, boxes, velocities, trajectory, table)
-        for token, own in sorted(rows.items())
-    )
+    tracks = []
+    for token, taken in sorted(rows.items()):
+        placed, placed_ns = boxes[taken], at_ns[taken]
+        if (np.diff(placed_ns) <= 0).any() or not np.isfinite(placed).all() or not (placed[:, 7:] > 0).all():
+            expected = "finite boxes of positive size, one at a time"
+            raise DataError(table.path, field=f"track {token[:60]}", expected=expected, got="another")
+        states = _states(placed_ns, placed, velocities[taken], trajectory)
+        tracks.append(Track(track_id=token, object_class=classes[labels[taken[0]]], states=states))
+    return tuple(tracks)
 
 
 def _of_each(table: LogTable, name: str, tokens: list[str]) -> list[Any]:
@@ -453,27 +459,16 @@ def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.b
     return beside
 
 
-def _track(
-    token: str,
-    rows: NDArray[np.int64],
-    object_class: str,
-    at_ns: NDArray[np.int64],
-    boxes: NDArray[np.float64],
-    velocities: NDArray[np.float64],
-    trajectory: Trajectory,
-    table: LogTable,
-) -> Track:
-    times_ns, own = at_ns[rows], boxes[rows]
-    if (np.diff(times_ns) <= 0).any() or not np.isfinite(own).all() or not (own[:, 7:] > 0).all():
-        expected = "finite boxes of positive size, one at a time"
-        raise DataError(table.path, field=f"track {token[:60]}", expected=expected, got="another")
-    world_from_object = Rotation.from_quat(own[:, 3:7], scalar_first=True).as_matrix()
-    velocities_world = np.where(np.isfinite(velocities[rows]), velocities[rows], world_velocities(times_ns, own[:, :3]))
+def _states(
+    times_ns: NDArray[np.int64], boxes: NDArray[np.float64], velocities: NDArray[np.float64], trajectory: Trajectory
+) -> tuple[ObjectState, ...]:
+    """States of boxes in the world, seen from the vehicle; velocities that are not known follow from the places."""
+    world_from_object = Rotation.from_quat(boxes[:, 3:7], scalar_first=True).as_matrix()
+    velocities = np.where(np.isfinite(velocities), velocities, world_velocities(times_ns, boxes[:, :3]))
     yaw_rates_radps = world_yaw_rates(times_ns, world_from_object)
     states = []
     for i, time_ns in enumerate(times_ns.tolist()):
         vehicle_from_world = trajectory.world_from_vehicle(time_ns).inverse()
-        box = vehicle_from_world @ pose(own[i, :7])
-        velocity_mps = vehicle_from_world.rotate(velocities_world[i])
-        states.append(box_state(time_ns, box, own[i, 7:], velocity_mps, yaw_rates_radps[i]))
-    return Track(track_id=token, object_class=object_class, states=tuple(states))
+        box, velocity_mps = vehicle_from_world @ pose(boxes[i, :7]), vehicle_from_world.rotate(velocities[i])
+        states.append(box_state(time_ns, box, boxes[i, 7:], velocity_mps, yaw_rates_radps[i]))
+    return tuple(states)

@@ -9,7 +9,7 @@ import pytest
 from bench.adapters.log123d import CLASSES, CameraHead, log123d_recordings
 from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
-from bench.recordings import list_cards, open_dataset, read_image
+from bench.recordings import list_cards, read_image
 from bench.recordings.cards import shipped_folder
 from bench.records.recording import Cuboid
 from bench.records.reference import OBJECT_CLASSES
@@ -174,16 +174,6 @@ def test_cards_name_splits_and_cameras_as_the_library_writes_them(library):
         splits, cameras = known[card.name]
         assert {*card.content.options["log_splits"]} <= {*splits}
         assert {*card.content.options["cameras"]} <= {*cameras}
-
-
-@pytest.mark.parametrize("card", CARDS, ids=lambda card: card.name)
-def test_a_card_without_data_says_what_to_do(card, tmp_path, monkeypatch):
-    monkeypatch.delenv("PY123D_DATA_ROOT", raising=False)
-    with pytest.raises(DataError, match=r"got the variable PY123D_DATA_ROOT, which is not set; .*py123d .*ipc_zstd"):
-        open_dataset(card)
-    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path))
-    with pytest.raises(DataError, match=r"logs: expected logs of 123D, .*/<log>/sync\.arrow, got none; convert"):
-        open_dataset(card)
 
 
 def test_lenses_are_those_of_the_head():

@@ -134,7 +134,6 @@ def test_compressed_images_that_lie():
         "image size: expected 64 x 48 px, as the rig file says, got 100000 x 100000": png(100_000, 100_000),
         "expected a JPEG or PNG image, got 4 bytes .* begin with 52 49 46 46": b"RIFF",
         "a JPEG cut short": cv2.imencode(".jpg", pixels)[1].tobytes()[:-40],
-        "a PNG cut short": cv2.imencode(".png", pixels)[1].tobytes()[:-4],
     }
     message = bags.compressed(TIME_NS, pixels)
     for told, content in cases.items():
@@ -143,8 +142,6 @@ def test_compressed_images_that_lie():
             compressed(message)
     with pytest.raises(DataError, match=r"format: expected JPEG or PNG, got '16UC1; compressedDepth png'"):
         compressed(bags.compressed(TIME_NS, pixels, ".png", "16UC1; compressedDepth png"))
-    with pytest.raises(DataError, match="got 32 x 48"):
-        compressed(bags.compressed(TIME_NS, pixels[:, :32], ".jpg"))
 
 
 def test_stamps():

@@ -11,7 +11,7 @@ from bench.errors import DataError
 from bench.methods.predictions import PredictedMotion, PredictionIndex
 from bench.methods.predictions.maps import ImageSizes, Prediction
 from bench.methods.predictions.pairing import ImageKey, NamedImage, named_images
-from bench.recordings import Exclusion, ImageRef, RecordingHandle, load_card, open_dataset
+from bench.recordings import Exclusion, ImageRef, load_card, open_dataset
 from tests.hostile.files import png
 from tests.support.board_scene import STEP, crossing, frame
 
@@ -150,7 +150,7 @@ def test_half_of_a_block_moves_and_a_score_at_the_threshold_does_not(tmp_path, v
         (tmp_path / "predictions.yaml").write_text("sixteen_bits: score")
     given = replace(frame(*crossing()[:2], STEP), recording="drive", camera_name="front")
     key, index = ImageKey("drive", "front", given.timestamps_ns[-1]), PredictionIndex(tmp_path)
-    index.take(NamedImage(key=key, places=("a",), sizes=SIZES, is_scored=True, is_annotated=True))
+    index.take(NamedImage(key=key, places=("a",), sizes=SIZES, is_scored=True))
     method = PredictedMotion(name="masks", folder=str(tmp_path), dataset="tiny", threshold=threshold)
     method.use(index)
     found = method.segment(given)
@@ -166,9 +166,7 @@ def recording(tiny_card):
 def listed(recording, names, exclusions=(), *, alone=False):
     """The images of a drive whose k-th image has the k-th name."""
     refs = (ImageRef(camera="front", timestamp_ns=k * STEP_NS, path=Path(f"{name}.png")) for k, name in names.items())
-    opened = replace(recording, images={"front": tuple(refs)})
-    handle = RecordingHandle(name=recording.name, opener=lambda: opened, exclusions=exclusions)
-    return list(named_images(handle, alone=alone))
+    return list(named_images(replace(recording, images={"front": tuple(refs)}), exclusions, alone=alone))
 
 
 def test_an_image_is_named_by_its_file_or_its_time_below_recording_and_camera(recording):
@@ -187,4 +185,3 @@ def test_images_without_one_before_them_and_excluded_ones_are_not_scored(recordi
     start = Exclusion(recording=recording.name, reason="late", frames=(None, 1))
     images = listed(recording, dict.fromkeys(range(6), "x"), (start,))
     assert [image.is_scored for image in images] == [False, False, False, True, True, True]
-    assert [image.is_annotated for image in images] == [False, False, True, True, True, True]
