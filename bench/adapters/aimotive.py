@@ -259,9 +259,7 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
             tangential=(p1, p2),
             max_angle_rad=options.max_angle_rad(name),
         )
-    return options.mounted(
-        name, lens, vehicle_from_camera, ground_height_m=options.ground_height_m, file=file, field=name
-    )
+        return options.mounted(name, lens, vehicle_from_camera, ground_height_m=options.ground_height_m)
 
 
 # Ego-motion

@@ -258,7 +258,8 @@ def read_rig(
     for name in names:
         lens = _lens(within, folder / f"{name}.yaml", name, options)
         mounting = vehicle_from_imu @ poses.transform(name)
-        cameras[name] = options.mounted(name, lens, mounting, file=poses.file, field=name)
+        with located(poses.file, name):
+            cameras[name] = options.mounted(name, lens, mounting)
     return vehicle_from_imu, vehicle_from_imu @ imu_from_lidar, cameras
 
 

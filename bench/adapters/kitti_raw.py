@@ -190,6 +190,9 @@ def _read_rig(
         number = name.removeprefix("image_")
         width, height = lenses.numbers(f"S_rect_{number}", 2).tolist()
         projection = lenses.numbers(f"P_rect_{number}", 3, 4)
+        offset_m = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]), dtype=np.float64)
+        camera_from_rectified = RigidTransform(np.eye(3), offset_m)
+        camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
         with located(lenses.file, f"P_rect_{number}"):
             lens = PinholeCamera(
                 width=round(width),
@@ -197,11 +200,7 @@ def _read_rig(
                 focal=(float(projection[0, 0]), float(projection[1, 1])),
                 principal_point=(float(projection[0, 2]), float(projection[1, 2])),
             )
-        offset_m = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]), dtype=np.float64)
-        camera_from_rectified = RigidTransform(np.eye(3), offset_m)
-        camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
-        vehicle_from_camera = vehicle_from_lidar @ camera_from_lidar.inverse()
-        cameras[name] = options.mounted(name, lens, vehicle_from_camera, file=lenses.file, field=name)
+            cameras[name] = options.mounted(name, lens, vehicle_from_lidar @ camera_from_lidar.inverse())
     return vehicle_from_lidar, vehicle_from_lidar @ lidar_from_imu, cameras
 
 

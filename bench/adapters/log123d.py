@@ -327,7 +327,7 @@ def _camera(name: str, table: LogTable, vehicle_from_imu: RigidTransform, option
     with located(table.path, "metadata"):
         model = head.model(options.max_angle_rad(name))
         vehicle_from_camera = vehicle_from_imu @ pose(head.camera_to_imu_se3)
-    return options.mounted(name, model, vehicle_from_camera, file=table.path, field="metadata")
+        return options.mounted(name, model, vehicle_from_camera)
 
 
 def _lidar_heads(table: LogTable) -> list[LidarHead]:

@@ -33,7 +33,7 @@ from bench.recordings.mounting import (
     camera_model,
     mounted_camera,
 )
-from bench.recordings.validation import LATEST_NS, FileModel, Measured, read_json, validated
+from bench.recordings.validation import LATEST_NS, FileModel, Measured, located, read_json, validated
 from bench.records.recording import (
     NOT_ANNOTATED,
     Annotated,
@@ -264,17 +264,18 @@ class NativeFolder:
             if entry.ego_body_mask is not None:
                 path = path_inside(self.root, entry.ego_body_mask, file=file, field=f"{place}.ego_body_mask")
                 ego_body = read_mask(path, entry.image_size)
-            cameras[name] = mounted_camera(
-                name,
-                camera_model(entry.model, entry.image_size, file=file, field=f"{place}.model"),
-                entry.vehicle_from_camera.transform,
-                ground_height_m=head.vehicle.ground_height_m,
-                ego_body=ego_body,
-                evaluated_size_px=self.options.evaluated_size_px,
-                rolling_shutter=entry.rolling_shutter,
-                file=file,
-                field=f"{place}.vehicle_from_camera",
-            )
+            with located(file, f"{place}.model"):
+                model = camera_model(entry.model, entry.image_size)
+            with located(file, f"{place}.vehicle_from_camera"):
+                cameras[name] = mounted_camera(
+                    name,
+                    model,
+                    entry.vehicle_from_camera.transform,
+                    ground_height_m=head.vehicle.ground_height_m,
+                    ego_body=ego_body,
+                    evaluated_size_px=self.options.evaluated_size_px,
+                    rolling_shutter=entry.rolling_shutter,
+                )
         return cameras
 
     def _images(self, camera: str, white_level: int | None) -> tuple[ImageRef, ...]:

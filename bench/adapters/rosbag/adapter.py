@@ -66,7 +66,7 @@ from bench.recordings.annotations import annotation_file_in, read_annotations
 from bench.recordings.catalogue import RecordingHandle, median_interval_ns
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import Mounting, body_mask, camera_model, mounted_camera
-from bench.recordings.validation import validated
+from bench.recordings.validation import located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, MountedCamera, Recording, SweepRef
 
 UNIT_TOLERANCE = 1e-2  # of the length of a quaternion
@@ -194,17 +194,18 @@ class _Opening:
             path = path_inside(root, camera.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
             mask = read_mask(path, camera.image_size)
             ego_body = mask if ego_body is None else mask | ego_body
-        return mounted_camera(
-            name,
-            camera_model(camera.model, camera.image_size, file=file, field=f"{field}.model"),
-            self.vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame"),
-            ground_height_m=self._rig.vehicle.ground_height_m,
-            ego_body=ego_body,
-            evaluated_size_px=self._options.evaluated_size_px,
-            rolling_shutter=camera.rolling_shutter,
-            file=file,
-            field=field,
-        )
+        with located(file, f"{field}.model"):
+            model = camera_model(camera.model, camera.image_size)
+        with located(file, field):
+            return mounted_camera(
+                name,
+                model,
+                self.vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame"),
+                ground_height_m=self._rig.vehicle.ground_height_m,
+                ego_body=ego_body,
+                evaluated_size_px=self._options.evaluated_size_px,
+                rolling_shutter=camera.rolling_shutter,
+            )
 
     def images(self, name: str, camera: CameraRig) -> Iterator[ImageRef]:
         """The images of a camera, by time."""
