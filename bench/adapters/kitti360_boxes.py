@@ -110,7 +110,8 @@ def read_boxes(file: Path) -> tuple[dict[str, list[WorldBox]], set[Window]]:
         if element.find("transform") is None:
             continue
         window = _window(element, file)
-        windows |= {window} if window else set()
+        if window is not None:
+            windows.add(window)
         semantic, name = _integer(element, "semanticId", file), (element.findtext("label") or "").strip()
         label = BY_NAME.get(name) if semantic is None else BY_KITTI_NUMBER.get(semantic)
         dynamic = bool(_integer(element, "dynamic", file) or 0)
@@ -298,7 +299,7 @@ def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[i
 
 # A rider and what is ridden
 
-RIDERS, RIDDEN = frozenset({"rider"}), frozenset({"bicycle", "motorcycle"})
+RIDDEN = frozenset({"bicycle", "motorcycle"})
 TOGETHER = 0.5  # share of the frames in which both are seen; a rider passes a parked bicycle in few
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
@@ -318,7 +319,7 @@ def joined_riders(tracks: Sequence[Track], kinds: Mapping[str, str]) -> tuple[Tr
     Returns:
         All tracks, a pair in the place of the rider.
     """
-    riders = [track for track in tracks if kinds.get(track.track_id) in RIDERS]
+    riders = [track for track in tracks if kinds.get(track.track_id) == "rider"]
     ridden = [track for track in tracks if kinds.get(track.track_id) in RIDDEN]
     pairs = [(away, a.track_id, b) for a in riders for b in ridden if (away := _apart_m(a, b)) is not None]
     below: dict[str, Track] = {}
