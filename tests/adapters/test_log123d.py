@@ -1,5 +1,6 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
+import fcntl
 from functools import partial
 
 import numpy as np
@@ -14,6 +15,16 @@ from bench.recordings.cards import shipped_folder
 from bench.records.recording import Cuboid
 from bench.records.reference import OBJECT_CLASSES
 from tests.support import data_sets, log123d
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory, worker_id):
+    """The library 123D where only its own programs find it, one for all processes that run tests."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base if worker_id == "master" else base.parent) / "py123d"
+    with folder.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return folder if folder.exists() else log123d.install_library(folder)
 
 
 @pytest.fixture(scope="module")

@@ -3,14 +3,16 @@
 import pickle
 import re
 from functools import partial
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
-from bench.errors import DataError, UnknownNameError
+from bench import plug_ins
+from bench.errors import DataError, UnknownNameError, UsageError
 from bench.plug_ins import imported
 from bench.recordings import list_cards, load_card, open_dataset, open_native, write_annotations
-from bench.recordings.catalogue import ADAPTERS
+from bench.recordings.catalogue import ADAPTERS, ENTRY_POINTS
 from bench.synthesis import read_scenario
 from tests.support import tiny
 from tests.support.cards import write_card
@@ -160,6 +162,14 @@ def test_faults_of_a_card_name_file_and_field(tmp_path, content, message):
         load_card(card_file(tmp_path, **content))
     assert "drives.yaml: " in str(caught.value)
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("value", ["no_such_module_of_anybody:listing", "bench.recordings:no_such_name", "bench"])
+def test_a_package_whose_adapter_cannot_be_imported_is_one_clear_line(tmp_path, data, monkeypatch, value):
+    point = EntryPoint(name="mine", value=value, group=ENTRY_POINTS)
+    monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
+    with pytest.raises(UsageError, match="adapter 'mine': expected a function "):
+        open_dataset(load_card(card_file(tmp_path, adapter="mine")))
 
 
 def test_what_a_card_names_must_exist(tmp_path, data):

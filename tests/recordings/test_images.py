@@ -153,18 +153,12 @@ def test_damage_of_a_png_is_refused_or_changes_nothing():
             assert np.array_equal(decode_image(content, file=Path("9.png")), smooth), (case, how)
 
 
-@pytest.mark.parametrize(
-    ("pixels", "colour"),
-    [(np.full((48, 64), 40_000, np.uint16), False), (np.full((48, 64, 4), 90, np.uint8), True)],
-    ids=["16 bits", "transparent"],
-)
-def test_images_of_other_depths_come_as_8_bits(tmp_path, pixels, colour):
-    path = tmp_path / "9.png"
-    assert cv2.imwrite(str(path), pixels)
-    image = ImageRef(camera="front", timestamp_ns=9, path=path)
-    seen = read_image(image, tiny.front_camera(), colour=colour)
-    assert seen.dtype == np.uint8
-    assert seen.shape == ((48, 64, 3) if colour else (48, 64))
+def test_images_of_other_depths_come_as_8_bits():
+    for pixels in (np.full((48, 64), 40_000, np.uint16), np.full((48, 64, 4), 90, np.uint8)):
+        content = cv2.imencode(".png", pixels)[1].tobytes()
+        for colour, shape in ((False, (48, 64)), (True, (48, 64, 3))):
+            seen = decode_image(content, colour=colour, file=Path("9.png"))
+            assert (seen.dtype, seen.shape) == (np.uint8, shape)
 
 
 def test_an_image_has_the_size_of_the_calibration_and_truth_is_sixteen_bits_where_there_is_some(root, tmp_path):
@@ -182,11 +176,10 @@ def test_an_image_has_the_size_of_the_calibration_and_truth_is_sixteen_bits_wher
         read_truth(first, recording.cameras["front"])
 
 
-@pytest.mark.parametrize("kind", ["plain", "progressive"])
 @pytest.mark.parametrize("padding", [bytes(60), b"\xff" * 4096, b"\xff\xd8 another"])
-def test_what_follows_the_end_of_a_jpeg_is_none_of_it(kind, padding):
-    whole = decode_image(jpeg(kind), file=Path("1.jpg"))
-    assert np.array_equal(decode_image(jpeg(kind) + padding, file=Path("1.jpg")), whole)
+def test_what_follows_the_end_of_a_jpeg_is_none_of_it(padding):
+    whole = decode_image(jpeg("plain"), file=Path("1.jpg"))
+    assert np.array_equal(decode_image(jpeg("plain") + padding, file=Path("1.jpg")), whole)
 
 
 @pytest.mark.parametrize("colour", [False, True])

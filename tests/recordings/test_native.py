@@ -247,10 +247,10 @@ def test_a_byte_order_mark_changes_nothing(root, file):
     assert marked.trajectory.positions_m[-1] == pytest.approx([0.4, 0.0, 0.0], abs=1e-8)
 
 
-@pytest.mark.parametrize(("white", "bits"), [(1023, 10), (16383, 14)])
+@pytest.mark.parametrize("white", [1023, 16383])
 @pytest.mark.parametrize("colour", [False, True])
-def test_images_of_more_bits_are_read_by_their_white_level(root, white, bits, colour):
-    values = np.random.default_rng(bits).integers(0, white + 1, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint16)
+def test_images_of_more_bits_are_read_by_their_white_level(root, white, colour):
+    values = np.random.default_rng(white).integers(0, white + 1, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint16)
     for path in (root / "images/front").iterdir():
         cv2.imwrite(str(path), values)
     change_head(root, lambda head: head["cameras"]["front"].update(white_level=white))
