@@ -51,7 +51,7 @@ from bench.adapters.kitti_files import read_calibration, read_clock, read_turn
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
-from bench.errors import DataError
+from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
@@ -190,9 +190,6 @@ def _read_rig(
         number = name.removeprefix("image_")
         width, height = lenses.numbers(f"S_rect_{number}", 2).tolist()
         projection = lenses.numbers(f"P_rect_{number}", 3, 4)
-        offset_m = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]), dtype=np.float64)
-        camera_from_rectified = RigidTransform(np.eye(3), offset_m)
-        camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
         with located(lenses.file, f"P_rect_{number}"):
             lens = PinholeCamera(
                 width=round(width),
@@ -200,6 +197,11 @@ def _read_rig(
                 focal=(float(projection[0, 0]), float(projection[1, 1])),
                 principal_point=(float(projection[0, 2]), float(projection[1, 2])),
             )
+            if not np.linalg.det(projection[:, :3]) > 0:
+                raise ShapeError("expected a camera, its focal lengths and a 1 in the diagonal, got another matrix")
+            offset_m = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]), dtype=np.float64)
+            camera_from_rectified = RigidTransform(np.eye(3), offset_m)
+            camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
             cameras[name] = options.mounted(name, lens, vehicle_from_lidar @ camera_from_lidar.inverse())
     return vehicle_from_lidar, vehicle_from_lidar @ lidar_from_imu, cameras
 

@@ -419,7 +419,7 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
         table.vectors(name, _of_each(table, name, tokens), width=width)
         for name, width in (("bounding_box_se3", BOX_WIDTH), ("velocity_3d", VELOCITY_WIDTH))
     )
-    at_row = np.repeat(np.arange(len(stored)), [len(row) for row in stored])
+    at_row = np.repeat(np.arange(len(stored)), np.array([len(row) for row in stored], dtype=np.int64))
     at_ns = times_ns[at_row]
     velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
     rows: dict[str, list[int]] = defaultdict(list)

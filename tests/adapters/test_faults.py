@@ -73,6 +73,7 @@ FAULTS = [
     ("woodscape", LENS, "[-0.5, 0.5, -0.5, 0.5]", "[0, 0, 0, 0]", "quaternion_wxyz: expected four"),
     ("kitti-raw", TRACKLETS, "<objectType>Van", "<objectType>Boat", "1.objectType: expected one of"),
     ("kitti-raw", LENSES, "P_rect_02", "P_rect_00", "P_rect_02: expected a line"),
+    ("kitti-raw", LENSES, "17.25 0.0 0.0 0.0 1.0", "17.25 0.0 0.0 0.0 0.0", "P_rect_02: expected a camera, its focal"),
     ("kitti-raw", MOTION, "R: 1.0", "R: 2.0", "R: "),
     ("kitti-raw", OXTS, " 4 10 4 4 0", "", "expected 30 numbers"),
     ("kitti-raw", f"{RAW}/oxts/timestamps.txt", "2011-09-26", "26.09.2011", "line 1: expected a time"),

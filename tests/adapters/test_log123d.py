@@ -111,6 +111,8 @@ def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native,
     rewritten(file, lambda table: table.slice(0, 1))
     for track in opened(tmp_path).tracks:
         assert np.isnan([state.velocity_mps for state in track.states]).all()
+    rewritten(file, lambda table: table.slice(0, 0))
+    assert opened(tmp_path).tracks == ()
 
 
 def test_of_several_boxes_of_an_object_at_a_time_the_first_counts(native, tmp_path):
