@@ -426,6 +426,8 @@ def bus(**columns):
         (retimed("lidar", lambda _: 100 * 10**9), ERROR, "sensor-overlap", "same epoch"),
         (retimed("lidar", lambda _: 100 * 10**9), ERROR, "ego-motion-missing", "lidar sweeps"),
         (lidar_at(1.3), ERROR, "road-height", "-0.50 m"),
+        (together(lidar_at(1.3), cuboids(jump, only="parked")), WARNING, "object-jump",
+         "may follow from the lidar's mounting: correct that, validate again"),
         (retimed("lidar", lambda _: 7_000_000), WARNING, "annotation-time",
          "each is 7.0 ms from the nearest sweep: the clock of the sweeps is late by that, or the boxes are early"),
         (nodding_lidar, WARNING, "road-tilt", ""),
