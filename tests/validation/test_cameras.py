@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from bench.recordings.native import open_native
 from bench.validation.findings import Finding, Severity, Undecided
 from bench.validation.fits import cameras
-from bench.validation.fits.camera_fit import STEPS, Fit
 from bench.validation.fits.flow import FARTHEST_PX, SECTORS, Edges, SeenFlow, mirrored
 from bench.validation.fits.scan_matching import MeasuredMotion
 from bench.validation.report import CHECKS
@@ -132,19 +131,6 @@ def test_a_planted_mistake_is_named(monkeypatch, root, flows, name):
     assert isinstance(finding, Finding), finding
     text = f"{finding.check} {finding.field} {finding.got} {finding.hint}"
     assert re.search(TOLD[name].lead.removeprefix("camera.*"), text), text
-
-
-@pytest.mark.parametrize(
-    ("degrees", "gain", "falls_px", "told"),
-    [(3.0, 20.0, 0.03, False), (3.0, 20.0, 0.1, True), (3.0, 45.0, 0.03, True), (1.0, 20.0, 0.02, True)],
-)
-def test_a_turn_of_degrees_is_told_by_the_pixels_that_it_explains(degrees, gain, falls_px, told):
-    values, nothing = np.zeros(len(STEPS)), np.zeros(PAIRS)
-    stated = Fit(values=values, sigmas=values + 1e-3, pair_errors=nothing, losses=nothing, cost=0.0, share=0.9,
-                 residual_px=0.4, scale_px=0.4)  # fmt: skip
-    values = np.where(np.arange(len(values)) == 1, np.radians(degrees), 0.0)
-    turned = replace(stated, values=values, cost=-gain, residual_px=0.4 - falls_px)
-    assert cameras._explains("rotation", turned, stated) is told
 
 
 def test_mirrored_images(monkeypatch, street, flows):

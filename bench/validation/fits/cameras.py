@@ -142,7 +142,7 @@ def _explains(cause: str, fit: Fit, clean: Fit) -> bool:
     gain, of_flow, least = clean.cost - fit.cost, float((clean.losses - fit.losses).sum()), UNKNOWNS[cause].gain
     share, px = LIMITS.falls
     if cause == "rotation" and clean.residual_px - fit.residual_px < max(share * clean.residual_px, px):
-        least *= float(np.abs(fit.values[SLICES[cause]]).max()) / UNKNOWNS[cause].smallest
+        least *= max(float(np.abs(fit.values[SLICES[cause]]).max()) / UNKNOWNS[cause].smallest, 1.0)
     return gain > least and of_flow > -LIMITS.against * gain
 
 
