@@ -16,6 +16,7 @@ from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
 from bench.validation.findings import Finding, Severity, annotated_times, boxes_of, new_finding, object_field
+from bench.validation.fits.scan_matching import measured_motion, scan_steps
 from bench.validation.quick.boxes import BODIES, BodyLimits
 
 Array = NDArray[np.float64]
@@ -90,6 +91,7 @@ EGO_SPEEDS = {
     "the ego vehicle's speed is km/h read as m/s": 1 / 3.6,
     "the ego vehicle's speed is m/s read as km/h": 3.6,
 }
+CONFIRMED_BY = 6  # pairs of sweeps
 EXPLAINED = 0.4  # of the error of stated velocities, that a reading leaves which explains it
 # What the box's heading may be, the sign and the offset in degrees that undo it, and what to do.
 HEADINGS: tuple[tuple[str, float, float, str], ...] = (
@@ -293,6 +295,12 @@ def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Findi
         yield new_finding("object-turn", got, field=field, timestamp_ns=time_ns, limit=limit)
 
 
+def _ego_speeds(recording: Recording) -> dict[str, float]:
+    """Those of `EGO_SPEEDS` that are possible: none where neighbouring sweeps meet by the stated speed."""
+    measured = measured_motion(recording, scan_steps(recording))
+    return {} if len(measured.middle_ns) >= CONFIRMED_BY else EGO_SPEEDS
+
+
 def _wrong_ego_speed(reading: str, got: str, recording: Recording, times: int, others: Sequence[str] = ()) -> Finding:
     hint = "; or ".join([f"multiply the speed by {EGO_SPEEDS[reading]:.4g}", *others])
     file, got = recording.trajectory.source, f"{got} if {reading}"
@@ -305,7 +313,7 @@ def _headings(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Find
     wrong = {path: errors for path, errors in errors_deg.items() if errors[0] > SLIDING_DEG}
     if not wrong:
         return
-    ego = [name for name, factor in EGO_SPEEDS.items() if _explains_headings(factor, errors_deg)]
+    ego = [name for name, factor in _ego_speeds(recording).items() if _explains_headings(factor, errors_deg)]
     mean = np.mean(list(errors_deg.values()), axis=0)
     of_boxes = len(errors_deg) > 1 and mean.min() < SAME_DEG
     if ego and len(wrong) > 1 and not of_boxes:
@@ -370,13 +378,15 @@ def _velocities(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Fi
     every = {path.track.track_id: errors for path in paths if (errors := _velocity_errors(path)) is not None}
     wrong = {name: errors for name, (errors, is_wrong) in every.items() if is_wrong}
     right = [errors for errors, is_wrong in every.values() if not is_wrong]
+    possible = _ego_speeds(recording) if wrong else {}
     while wrong:
         fits = {
             reading: {name: errors for name, errors in wrong.items() if errors[reading] < EXPLAINED * errors[AS_STATED]}
             for reading in next(iter(wrong.values()))
         }
         for reading in EGO_SPEEDS:  # which would be that of all objects
-            if sum(errors[reading] > OFF_MPS for errors in right) >= len(fits[reading]):
+            contradict = sum(errors[reading] > OFF_MPS for errors in right)
+            if reading not in possible or contradict >= len(fits[reading]):
                 fits[reading] = {}
         left_mps = {reading: sum(errors[reading] for errors in of.values()) for reading, of in fits.items()}
         best = max(fits, key=lambda reading: (len(fits[reading]), -left_mps[reading]))
