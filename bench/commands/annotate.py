@@ -284,7 +284,7 @@ def export_labels(
         split: as of `propose`.
         reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         unreviewed: write what was proposed and not rejected; results then say so.
-        format_name: write files of a tool instead: boxes, openlabel or cvat.
+        format_name: write files of a tool instead: boxes or openlabel.
         annotated: with --format: write the annotations of the data set instead of reviews.
         overwrite: replace other labels that are there; a copy stays.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise, product
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
@@ -375,38 +376,30 @@ AS_STATED = "as stated"
 
 def _velocities(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Finding]:
     """First the reading that explains the stated velocities of most objects, then those that explain the rest."""
-    every = {path.track.track_id: errors for path in paths if (errors := _velocity_errors(path)) is not None}
-    wrong = {name: errors for name, (errors, is_wrong) in every.items() if is_wrong}
-    right = [errors for errors, is_wrong in every.values() if not is_wrong]
-    possible = _ego_speeds(recording) if wrong else {}
-    while wrong:
-        fits = {
-            reading: {name: errors for name, errors in wrong.items() if errors[reading] < EXPLAINED * errors[AS_STATED]}
-            for reading in next(iter(wrong.values()))
-        }
+    told = {path.track.track_id: errors for path in paths if (errors := _velocity_errors(path)) is not None}
+    errors_mps = pd.DataFrame.from_dict({name: errors for name, (errors, _) in told.items()}, orient="index")
+    at_fault = pd.Series({name: fault for name, (_, fault) in told.items()}, dtype=bool)
+    right, wrong = errors_mps[~at_fault], errors_mps[at_fault]
+    possible = _ego_speeds(recording) if len(wrong) else {}
+    while len(wrong):
+        fits = wrong.lt(EXPLAINED * wrong[AS_STATED], axis=0)
         for reading in EGO_SPEEDS:  # which would be that of all objects
-            contradict = sum(errors[reading] > OFF_MPS for errors in right)
-            if reading not in possible or contradict >= len(fits[reading]):
-                fits[reading] = {}
-        left_mps = {reading: sum(errors[reading] for errors in of.values()) for reading, of in fits.items()}
-        best = max(fits, key=lambda reading: (len(fits[reading]), -left_mps[reading]))
-        objects = fits[best] or wrong
-        others = [
-            reading
-            for reading, of in fits.items()
-            if reading != best and of.keys() == objects.keys() and max(e[reading] for e in of.values()) < OFF_MPS
-        ]
-        got = f"{len(objects)} objects off by up to {max(errors[AS_STATED] for errors in objects.values()):.1f} m/s"
-        if best in EGO_SPEEDS and fits[best]:
-            got += f", {max(errors[best] for errors in objects.values()):.1f} m/s"
-            yield _wrong_ego_speed(best, got, recording, len(objects), others)
+            fits[reading] &= reading in possible and (right[reading] > OFF_MPS).sum() < fits[reading].sum()
+        left_mps = wrong.where(fits).sum()
+        best = max(fits, key=lambda reading: (fits[reading].sum(), -left_mps[reading]))
+        objects = wrong[fits[best]] if fits[best].any() else wrong
+        equal = [name for name in fits if fits.loc[objects.index, name].all() and objects[name].max() < OFF_MPS]
+        others = [reading for reading in equal if reading != best]
+        got = f"{len(objects)} objects off by up to {objects[AS_STATED].max():.1f} m/s"
+        if best in EGO_SPEEDS and fits[best].any():
+            yield _wrong_ego_speed(best, f"{got}, {objects[best].max():.1f} m/s", recording, len(objects), others)
         else:
-            cause = (
-                "; or ".join([best, *others]) if fits[best] else "check unit, axes, and whether it is over the ground"
+            hint = (
+                "; or ".join([best, *others]) if fits[best].any() else "check unit, axes, and if it is over the ground"
             )
-            got = f"{got}: {listed(list(objects))}"
-            yield new_finding("velocity", got, field="velocity_mps", hint=cause, times=len(objects))
-        wrong = {name: errors for name, errors in wrong.items() if name not in objects}
+            got = f"{got}: {listed(list(objects.index))}"
+            yield new_finding("velocity", got, field="velocity_mps", hint=hint, times=len(objects))
+        wrong = wrong.drop(index=objects.index)
 
 
 def _velocity_errors(path: TrackPath) -> tuple[dict[str, float], bool] | None:
