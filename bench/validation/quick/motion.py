@@ -379,16 +379,16 @@ def _velocities(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Fi
     told = {path.track.track_id: errors for path in paths if (errors := _velocity_errors(path)) is not None}
     errors_mps = pd.DataFrame.from_dict({name: errors for name, (errors, _) in told.items()}, orient="index")
     at_fault = pd.Series({name: fault for name, (_, fault) in told.items()}, dtype=bool)
-    right, wrong = errors_mps[~at_fault], errors_mps[at_fault]
+    right, wrong, readings = errors_mps[~at_fault], errors_mps[at_fault], list(map(str, errors_mps))
     possible = _ego_speeds(recording) if len(wrong) else {}
     while len(wrong):
         fits = wrong.lt(EXPLAINED * wrong[AS_STATED], axis=0)
         for reading in EGO_SPEEDS:  # which would be that of all objects
             fits[reading] &= reading in possible and (right[reading] > OFF_MPS).sum() < fits[reading].sum()
         left_mps = wrong.where(fits).sum()
-        best = max(fits, key=lambda reading: (fits[reading].sum(), -left_mps[reading]))
+        best = max(readings, key=lambda reading: (fits[reading].sum(), -left_mps[reading]))
         objects = wrong[fits[best]] if fits[best].any() else wrong
-        equal = [name for name in fits if fits.loc[objects.index, name].all() and objects[name].max() < OFF_MPS]
+        equal = [name for name in readings if fits.loc[objects.index, name].all() and objects[name].max() < OFF_MPS]
         others = [reading for reading in equal if reading != best]
         got = f"{len(objects)} objects off by up to {objects[AS_STATED].max():.1f} m/s"
         if best in EGO_SPEEDS and fits[best].any():
