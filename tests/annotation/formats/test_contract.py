@@ -10,7 +10,7 @@ from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.recordings import read_annotations, write_annotations
 from tests.annotation.formats import street
-from tests.annotation.formats.same import assert_same_boxes, written
+from tests.annotation.formats.street import assert_same_boxes, written
 
 PLAIN = LabelOptions()
 NAMES = sorted(LABEL_FORMATS)

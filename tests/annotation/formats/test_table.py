@@ -12,7 +12,7 @@ from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings import GroundPolygon, ObjectState, PointIndices, Track
 from tests.annotation.formats import street
-from tests.annotation.formats.same import assert_same_boxes
+from tests.annotation.formats.street import assert_same_boxes
 
 PLAIN = LabelOptions()
 FRAMES = ("vehicle", "lidar", "world")
