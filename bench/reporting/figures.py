@@ -59,7 +59,7 @@ DARK_GREY = "#505050"
 
 PictureFormat = Literal["png", "svg", "pdf"]
 
-DPI = 200
+DPI, JPEG_QUALITY = 200, 85
 STYLE: dict[RcKeyType, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,
@@ -123,16 +123,16 @@ def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGR), dtype=np.uint8)
 
 
-def jpeg_bytes(figure: Figure, *, quality: int) -> bytes:
+def jpeg_bytes(figure: Figure) -> bytes:
     """The figure as JPEG, for pictures with photographs in them."""
-    written, content = cv2.imencode(".jpg", figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    written, content = cv2.imencode(".jpg", figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert written, "OpenCV writes JPEG"
     return content.tobytes()
 
 
 def figure_uri(figure: Figure) -> str:
     """The figure as the `data:` address of a JPEG."""
-    return data_uri(jpeg_bytes(figure, quality=82), "image/jpeg")
+    return data_uri(jpeg_bytes(figure), "image/jpeg")
 
 
 def write_picture(stem: Path, figure: Figure, *, formats: Sequence[PictureFormat] = ("png", "svg")) -> tuple[Path, ...]:
@@ -151,13 +151,11 @@ class Chart:
         name: of letters, digits, dashes and underscores, used once: of the file, and before its ids on a page.
         figure: drawn in black on white.
         label: says in words what it shows.
-        caption: a line below it.
     """
 
     name: str
     figure: Figure
     label: str
-    caption: str = ""
 
     def drawing(self) -> Drawing:
         """The chart for a page: black becomes the page's text colour and white its background."""
@@ -172,7 +170,7 @@ class Chart:
         head = re.sub(r'\s(width|height|version|xmlns(:xlink)?)="[^"]*"', "", text[: text.index(">")])
         label = f'aria-label="{escape(self.label)}" xmlns:xlink="http://www.w3.org/1999/xlink"'
         # matplotlib escapes its texts
-        return Drawing(Markup(f'{head} class="chart" role="img" {label}{text[text.index(">") :]}'), self.caption)
+        return Drawing(Markup(f'{head} class="chart" role="img" {label}{text[text.index(">") :]}'))
 
 
 # The ground seen from above.
@@ -377,7 +375,7 @@ LOG_FROM = 10.0  # ratio of the largest to the smallest value from which the axi
 
 
 @styled
-def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, title: str, note: str = "") -> Figure:
+def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, title: str) -> Figure:
     """Draw the headline metrics of every value of a setting, in percent, with their 95 % intervals."""
     figure = new_figure(5.2, 3.4, layout="constrained")
     axes = figure.add_subplot()
@@ -395,7 +393,6 @@ def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, titl
     axes.grid(color=LIGHT_GREY, linewidth=0.4)
     axes.set_title(f"{title}\nwith 95 % intervals, by recording", loc="left", pad=18)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.99), ncols=4, frameon=False, handletextpad=0.3)
-    figure.supxlabel(note, x=0.02, ha="left", fontsize=6, color="#555555")
     return figure
 
 

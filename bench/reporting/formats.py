@@ -114,20 +114,9 @@ def with_interval(metric: Metric) -> str:
     return " ".join((cell.text, *cell.below))
 
 
-def metric_record(metric: Metric) -> dict[str, object]:
-    """A metric as columns of CSV and JSON, at full precision; None for the ends of no interval."""
-    low, high = metric.ci95 or (None, None)
-    return {"value": metric.value, "ci95_low": low, "ci95_high": high, "cases": metric.cases,
-            "recordings": metric.recordings}  # fmt: skip
-
-
-def annotations_field(unreviewed: str) -> dict[str, object]:
-    """Column `annotations` of CSV and JSON, which only runs on annotations that nobody reviewed have.
-
-    Args:
-        unreviewed: `RunSummary.unreviewed`.
-    """
-    return {"annotations": unreviewed.partition(": ")[2].rstrip(".")} if unreviewed else {}
+def ends(metric: Metric) -> dict[str, float | None]:
+    """The ends of the interval as columns of CSV; None without one."""
+    return dict(zip(("ci95_low", "ci95_high"), metric.ci95 or (None, None), strict=True))
 
 
 def headline_metrics(summary: Summary) -> dict[str, Metric]:
@@ -161,6 +150,12 @@ def found_level(protocol: Protocol) -> float:
 def found_by(protocol: Protocol) -> str:
     """What of an object has to be marked for `found_level`, in words."""
     return "half of the core" if found_level(protocol) else "any pixel"
+
+
+CORE = (
+    "Core: the part of an object's region that the lidar shows for certain. The unknown band around it counts neither "
+    "way."
+)
 
 
 def chance_of(name: str) -> str:

@@ -146,4 +146,5 @@ def cluster(*, outline: bool = True) -> dict[str, Any]:
         "polygon": hull,
         "vehicle_outline_m": np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]]),
         "title": "fisheye image, front, car-7",
+        "image_name": "demo, camera front, 1.20 s",
     }

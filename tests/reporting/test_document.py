@@ -96,12 +96,12 @@ def test_html_draws_bars_and_escapes_text():
 
 
 def test_groups_are_headings_of_text_and_frames_of_a_page():
-    rows = [Paragraph("Said."), Drawing(Markup("<svg></svg>"), "Drawn."), Filters([Choice("a", "A")])]
+    rows = [Paragraph("Said."), Drawing(Markup("<svg></svg>")), Filters([Choice("a", "A")])]
     section = Group(look="section", title="Part", name="part", count="3", blocks=rows, tags={"a": "x"})
     assert to_markdown([section]) == "## Part\n\nSaid.\n"
     shown = to_html([section])
     assert '<section id="part" data-a="x"><details class="part" open><summary><h2>Part</h2>' in shown
-    assert "<svg></svg><figcaption>Drawn." in shown
+    assert "<figure><svg></svg></figure>" in shown
     assert '<select data-filter="a" data-chosen="">' in shown
 
 

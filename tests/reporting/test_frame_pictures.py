@@ -10,7 +10,8 @@ from matplotlib.quiver import Quiver
 
 from bench.evaluation.rows import objects_table
 from bench.records.reference import Category
-from bench.reporting.frame_pictures import draw_cluster, draw_panels, example_frames, write_frame_pictures
+from bench.reporting.frame import draw_cluster, draw_panels
+from bench.reporting.frame_pictures import example_frames, write_frame_pictures
 from tests.reporting.factories import busy_frame, cluster, fisheye_image, reference_frame, segmentation
 from tests.support.result_rows import object_row
 

@@ -103,5 +103,5 @@ def test_values_that_are_no_numbers_stand_side_by_side(values, at):
 
 def test_the_files_of_a_sweep(tmp_path):
     files = write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
-    assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md", "sweep.svg"]
+    assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md"]
     assert "<svg" in (tmp_path / "sweep.html").read_text()
