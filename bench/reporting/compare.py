@@ -514,6 +514,7 @@ def _detection_table(comparison: RunComparison) -> Table:
         title=f"Object-frames gained and lost: found by {formats.found_by(comparison.before.protocol)}",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
         rows=comparison.detections.rename(index=formats.LABELS).reset_index(),
+        note=formats.CORE if formats.found_level(comparison.before.protocol) else "",
     )
 
 

@@ -74,20 +74,17 @@ def tiles(metrics: Summary, *, large_px: int) -> Table:
         metrics: of the run.
         large_px: pixels that a large false component exceeds.
     """
-    row, shown = metrics.all_moving, dict[str, Cell]()
-    for name, metric in (
-        formats.headline_metrics(metrics) | {formats.LARGE_FALSE: metrics.false_positives.frame_rate}
-    ).items():
-        cell = replace(formats.metric_cell(metric), style="strong")
+    row, false = metrics.all_moving, metrics.false_positives
+    shown = {}
+    for name, metric in (formats.headline_metrics(metrics) | {formats.LARGE_FALSE: false.frame_rate}).items():
         if name == formats.LARGE_FALSE:
             about = f"of the images have a false patch of more than {large_px} px"
         elif find_metric(name).over == IMAGE_FRAMES:
             about = f"of the image wrongly marked; over {metric.cases} images"
-        elif row.object_frames < LEAST_OBJECT_FRAMES:
-            cell, about = Cell("n/a", (), "strong"), f"{row.object_frames} object-frames, fewer than 10"
         else:
             about = "; ".join(filter(None, (_bound_note(name, row), f"over {row.object_frames} object-frames")))
-        shown[find_metric(name).label] = replace(cell, below=(*cell.below, about))
+        cell = formats.metric_cell(metric)
+        shown[find_metric(name).label] = replace(cell, below=(*cell.below, about), style="strong")
     return Table(columns=list(shown), rows=[list(shown.values())], words=0, look="tiles")
 
 
@@ -248,14 +245,12 @@ def object_facts(row: Row) -> str:
 
 def image_facts(row: Row) -> str:
     """What was measured of the false positives of an image, a row of `FRAMES_SCHEMA` with `coverage`."""
-    false_px = max(row["fp_px"], 1)
     causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
     cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
-    most = f"; most by {cause.replace('_', ' ')}, {_percent(pixels / false_px)}" if cause else ""
+    most = f", most by {cause.replace('_', ' ')}, {_percent(pixels / max(row['fp_px'], 1))}" if cause else ""
     return (
-        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches, the largest with "
-        f"{_percent(row['fp_largest_px'] / false_px)} of it; {_percent(1 - row['fp_unattached_px'] / false_px)} in "
-        f"patches that touch an object{most}; ego vehicle {row['ego_speed_mps']:.1f} m/s"
+        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches{most}; "
+        f"ego vehicle {row['ego_speed_mps']:.1f} m/s"
     )
 
 
@@ -263,26 +258,22 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorstCases:
-    """The worst of each category and of the images.
+Elements = Mapping[tuple[str, str, int, str], str]  # recording, camera, time and track -> id of the box on the page
 
-    Attributes:
-        groups: of boxes, the worst first.
-        elements: recording, camera, time and track of those with pictures, and the id of their box.
+
+def worst_cases(
+    run: StoredRun, *, pictures: bool, progress: Progress | None = None
+) -> tuple[list[Group], Elements, list[str]]:
+    """Choose the worst object-frames and images, and draw them.
+
+    Returns:
+        groups: of boxes, one for each category and one of the images, the worst first.
+        elements: of those with pictures.
         missing: why pictures are missing, one line each.
     """
-
-    groups: Sequence[Group]
-    elements: Mapping[tuple[str, str, int, str], str]
-    missing: Sequence[str]
-
-
-def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = None) -> WorstCases:
-    """Choose the worst object-frames and images, and draw them."""
     objects, images = worst_objects(run.objects, most=WORST), worst_frames(run.frames, most=WORST)
     keys = {_image_key(row) for row in (*objects, *images)} if pictures else set()
-    drawn, problems = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
+    drawn, missing = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
     none = [Paragraph(f"No picture: {'the data set was not available' if pictures else 'none was asked for'}.", "warn")]
     boxes: dict[str, list[Group]] = {}
     elements = {}
@@ -296,8 +287,7 @@ def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = N
         of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
         if key in drawn:
             elements[(*key, track)] = element
-    groups = [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()]
-    return WorstCases(groups=groups, elements=elements, missing=problems)
+    return [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()], elements, missing
 
 
 def _image_key(row: Row) -> ImageKey:
@@ -354,14 +344,12 @@ _COLUMNS: dict[str, Heads] = {
 }
 
 
-def object_table(
-    run: StoredRun, elements: Mapping[tuple[str, str, int, str], str], *, most: int = LISTED
-) -> tuple[Table, int]:
+def object_table(run: StoredRun, elements: Elements, *, most: int = LISTED) -> tuple[Table, int]:
     """Every annotated object-frame as a row; and how many there are in all.
 
     Args:
         run: of the page.
-        elements: to which rows lead, as of `WorstCases`.
+        elements: to which rows lead.
         most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
     """
     annotated = 0
@@ -394,7 +382,7 @@ def object_table(
     return Table(title=title, columns=_COLUMNS, rows=shown, words=6, tags=tags), annotated
 
 
-def _object_section(run: StoredRun, elements: Mapping[tuple[str, str, int, str], str]) -> Group:
+def _object_section(run: StoredRun, elements: Elements) -> Group:
     table, annotated = object_table(run, elements)
     few = "Every annotated object in every image."
     if len(table.rows) < annotated:
@@ -494,12 +482,22 @@ def write_page(
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
     """
     run = read_run(folder)
-    worst = worst_cases(run, pictures=pictures, progress=progress)
-    title = f"{run.manifest.method.name} on {run.manifest.dataset.name}"
-    blocks = [*_head(run), *_sections(run, worst, pictures=pictures and not worst.missing)]
-    file = out or run.folder / "index.html"
-    write_output(file, to_page(title, blocks, folder=run.folder))
-    return Page(file=file, problems=tuple(worst.missing))
+    boxes, elements, missing = worst_cases(run, pictures=pictures, progress=progress)
+    worst = [
+        Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
+                  f"false marks, the worst first. {COLOURS}"), *map(_missing, missing), *boxes,
+    ]  # fmt: skip
+    sections = [
+        Group(look="section", name="glance", title="At a glance",
+              blocks=[*_glance(run, pictures=pictures and not missing)]),
+        *_measured(run),
+        Group(look="section", name="worst", title="Worst cases", blocks=worst),
+        _object_section(run, elements),
+        *_origin(run),
+    ]  # fmt: skip
+    title, file = f"{run.manifest.method.name} on {run.manifest.dataset.name}", out or run.folder / "index.html"
+    write_output(file, to_page(title, [*_head(run), *sections], folder=run.folder))
+    return Page(file=file, problems=tuple(missing))
 
 
 def _head(run: StoredRun) -> list[Block]:
@@ -537,6 +535,7 @@ def _glance(run: StoredRun, *, pictures: bool) -> Iterator[Block]:
         for name in [*formats.headline_metrics(metrics), formats.LARGE_FALSE]
     }
     words["Object-frame"] = "One moving object in one image. The same object in ten images makes ten."
+    words |= {"Core, unknown band": formats.CORE} if formats.found_level(run.protocol) else {}
     yield Group(look="folded", title="The words used here", blocks=[_about_table(words)])
 
 
@@ -547,12 +546,10 @@ def _results(run: StoredRun) -> list[Block]:
     return [results_table(rows, title="In percent"), *notes]
 
 
-def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[Group]:
-    """The sections of the page."""
+def _measured(run: StoredRun) -> Iterator[Group]:
+    """The sections that need no picture of an image."""
     section = partial(Group, look="section")
-    metrics, summary, made = run.metrics, run.summary, run.summary.provenance
-    charts = draw_charts(run)
-    yield section(name="glance", title="At a glance", blocks=[*_glance(run, pictures=pictures)])
+    metrics, summary, charts = run.metrics, run.summary, draw_charts(run)
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
     tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
     yield section(name="splits", title="Broken down", count=counted(len(tables), "table"), blocks=[
@@ -563,10 +560,12 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
     yield section(name="recordings", title="By recording", count=f"{len(by_recording.rows)} recordings", blocks=[
         Paragraph("Where to look first: a name shows its object-frames in the table below."), by_recording,
     ])  # fmt: skip
-    yield section(name="around", title="Around the ego vehicle", blocks=[
+    around = [
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
-        charts["range_map"].drawing()])  # fmt: skip
+        *([Paragraph(formats.CORE)] if formats.found_level(run.protocol) else []), charts["range_map"].drawing(),
+    ]  # fmt: skip
+    yield section(name="around", title="Around the ego vehicle", blocks=around)
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     if "threshold_sweep" in charts:
         yield section(name="threshold", title="Other thresholds", blocks=[
@@ -577,11 +576,12 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
         yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
                       "the likelihood there."), causes])  # fmt: skip
-    yield section(name="worst", title="Worst cases", blocks=[
-        Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
-                  f"false marks, the worst first. {COLOURS}"), *map(_missing, worst.missing), *worst.groups,
-    ])  # fmt: skip
-    yield _object_section(run, worst.elements)
+
+
+def _origin(run: StoredRun) -> Iterator[Group]:
+    """How the values came about, and what is not among them."""
+    section = partial(Group, look="section")
+    summary, made = run.summary, run.summary.provenance
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
                   f"values. At most {made.peak_memory_mb:.0f} MB of memory."),
@@ -591,7 +591,7 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
     yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "
                   "objects count neither as right nor as wrong."),
-        _ledger(metrics),
+        _ledger(run.metrics),
         *_folded("Messages of images that were not scored", messages),
         *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
 

@@ -123,12 +123,12 @@ def table_rows(summary: Summary, *, beside_paper: bool = True) -> list[TableRow]
 
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
     """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", or why there is none."""
-    over = f"the pixels of {counted(found.images, 'image')}, from histograms."
+    images = counted(found.images, "image")
     if math.isnan(found.auprc.value):
-        return f"Over all thresholds: nothing to say, since no object was evaluated among {over}"
+        return f"Over all thresholds: no AUPRC, since no object was evaluated in the {images} with a likelihood."
     return (
         f"Over all thresholds: AUPRC {formats.with_interval(found.auprc)}, false-positive rate at 95 % recall "
-        f"{formats.with_interval(found.fpr95)}; over {over}"
+        f"{formats.with_interval(found.fpr95)}; over the pixels of {images}, from histograms."
     )
 
 

@@ -124,26 +124,23 @@ def segmentation(reference: ReferenceFrame, *, parts: bool = True) -> Segmentati
     )
 
 
-def cluster(*, outline: bool = True) -> dict[str, Any]:
-    """What `draw_cluster` takes."""
+def cluster() -> dict[str, Any]:
+    """What `draw_cluster` takes: the side and the back of a car on the left, in rings on the ground."""
     random = np.random.default_rng(3)
-    azimuth = np.tile(np.linspace(-np.pi, np.pi, 900), 20)
-    radius = np.repeat(np.geomspace(3.5, 25, 20), 900) + random.normal(0, 0.02, azimuth.size)
+    azimuth, radius = np.tile(np.linspace(-np.pi, np.pi, 90), 20), np.repeat(np.geomspace(3.5, 25, 20), 90)
     ground = np.column_stack([radius * np.cos(azimuth) + 1.4, radius * np.sin(azimuth), np.zeros(azimuth.size)])
-    side = np.column_stack([random.uniform(4, 8.3, 300), np.full(300, 2.1), random.uniform(0.2, 1.5, 300)])
-    back = np.column_stack([np.full(120, 4.0), random.uniform(2.1, 3.9, 120), random.uniform(0.2, 1.5, 120)])
-    cluster = np.concatenate([side, back])
-    pixels = np.column_stack([330 - 90 * cluster[:, 1] / cluster[:, 0] * 2, 250 - 60 * (cluster[:, 2] - 0.7)])
-    hull = box(pixels[:, 0].min(), pixels[:, 1].min(), pixels[:, 0].max(), pixels[:, 1].max())
+    car = random.uniform((4.0, 2.1, 0.2), (8.3, 3.9, 1.5), (420, 3))
+    car[:300, 1], car[300:, 0] = 2.1, 4.0
+    pixels = np.column_stack([330 - 180 * car[:, 1] / car[:, 0], 250 - 60 * (car[:, 2] - 0.7)])
     return {
         "geometry": ObjectGeometry(
-            surroundings_vehicle=np.concatenate([ground, cluster]),
-            cluster_vehicle=cluster,
-            outline_m=np.array([[4.0, 2.1], [8.4, 2.1], [8.4, 3.9], [4.0, 3.9]]) if outline else np.empty((0, 2)),
+            surroundings_vehicle=np.concatenate([ground, car]),
+            cluster_vehicle=car,
+            outline_m=np.array([[4.0, 2.1], [8.4, 2.1], [8.4, 3.9], [4.0, 3.9]]),
             pixels=pixels,
         ),
         "image": fisheye_image(),
-        "polygon": hull,
+        "polygon": box(*pixels.min(axis=0), *pixels.max(axis=0)),
         "vehicle_outline_m": np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]]),
         "title": "fisheye image, front, car-7",
         "image_name": "demo, camera front, 1.20 s",

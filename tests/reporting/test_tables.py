@@ -3,13 +3,12 @@
 import csv
 import io
 import math
-import os
 
 import pytest
 
-from bench.errors import OutputError
-from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
+from bench.evaluation import ThresholdFreeMetrics, load_protocol, sum_run, summary_of, write_sums
 from bench.evaluation.rows import frames_table, objects_table
+from bench.evaluation.summary import Metric
 from bench.harness.stored import SUMS, read_run, write_run
 from bench.reporting.document import to_csv, to_markdown
 from bench.reporting.formats import interval, percent, short_interval
@@ -19,6 +18,7 @@ from bench.reporting.run_tables import (
     report,
     results_table,
     table_rows,
+    threshold_free_line,
     write_report_files,
 )
 from tests.reporting.printed import printed
@@ -169,15 +169,10 @@ def test_all_files_are_written_from_the_stored_results(stored):
     assert values["overtaking", "tpr"] == ""
 
 
-def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
-    file, _ = write_report_files(read_run(stored))
-    before, names = file.read_bytes(), sorted(path.name for path in stored.iterdir())
-
-    def fail(*_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(OutputError, match="disk full"):
-        write_report_files(read_run(stored))
-    assert file.read_bytes() == before
-    assert sorted(path.name for path in stored.iterdir()) == names
+def test_metrics_without_a_threshold_are_told_or_why_there_is_none():
+    none = Metric(value=math.nan, ci95=None, cases=8547651, recordings=0)
+    assert threshold_free_line(ThresholdFreeMetrics(auprc=none, fpr95=none, images=9)) == (
+        "Over all thresholds: no AUPRC, since no object was evaluated in the 9 images with a likelihood."
+    )
+    known = ThresholdFreeMetrics(auprc=figure(0.5), fpr95=figure(0.2), images=1)
+    assert threshold_free_line(known).startswith("Over all thresholds: AUPRC 50.0 % [45.0, 55.0], false-positive rate")

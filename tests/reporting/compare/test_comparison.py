@@ -17,11 +17,13 @@ from bench.reporting.compare import (
     Shown,
     compare_runs,
     read_comparable,
+    report,
     terminal_report,
     verdict_line,
     what_is_shown,
     write_comparison,
 )
+from bench.reporting.document import to_markdown
 from bench.reporting.formats import points
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.reporting.printed import printed
@@ -63,6 +65,8 @@ def test_under_a_protocol_with_bands_an_object_is_missed_below_half_of_its_core(
     runs = [write_run(tmp_path / f"{px}", drawn(px), protocol=protocol) for px in (50, 49)]
     (found,) = compared(*runs)
     assert found.detections.loc["all_moving", "lost"] == lost
+    text = to_markdown(report([found], out=tmp_path).blocks)
+    assert ("found by half of the core" in text) == ("Core: the part of an object's region" in text) == bool(lost)
 
 
 def test_a_run_that_finds_nothing_loses_everything(half, tmp_path):

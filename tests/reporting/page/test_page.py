@@ -10,6 +10,7 @@ from bench.harness import read_run, read_tables
 from bench.reporting.document import environment
 from bench.reporting.figures import write_figures
 from bench.reporting.run_page import object_table, write_page
+from tests.reporting.compare.runs import drawn, write_run
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
 
@@ -112,6 +113,13 @@ def test_a_row_leads_to_its_own_box(tiny_run):
 def test_control_characters_are_shown_wherever_a_page_has_them():
     page = environment().from_string("<title>{{ name }}</title>{{ '<b>' | safe }}")
     assert page.render(name="a\x1b[31m\u202e<i>\nb") == "<title>a\\u001b[31m\\u202e&lt;i&gt;\nb</title><b>"
+
+
+@pytest.mark.usefixtures("without_charts")
+@pytest.mark.parametrize(("protocol", "times"), [("surface-v1", 2), ("paper-v1", 0)])
+def test_the_core_is_explained_where_it_counts(tmp_path, protocol, times):
+    page = write_page(write_run(tmp_path / "run", drawn(50), protocol=protocol), pictures=False)
+    assert page.file.read_text().count("Core: the part of an object&#39;s region") == times
 
 
 @pytest.mark.usefixtures("without_charts")
