@@ -193,7 +193,6 @@ class Group:
         look: on a page: "section" folds on a phone and is in the navigation, "folded" opens by its title, "box" has a
             frame, "charts", "pairs" and "boxes" stand side by side.
         name: to which links lead.
-        count: behind the title of a section.
         tags: by which a page's filters find it.
     """
 
@@ -201,7 +200,6 @@ class Group:
     title: str = ""
     look: Look = ""
     name: str = ""
-    count: str = ""
     tags: Tags = field(default_factory=dict)
 
 

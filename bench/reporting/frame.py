@@ -352,14 +352,13 @@ def add_legend(figure: Figure, *, results: bool, sweep: bool) -> None:
                   handletextpad=0.5, labelspacing=0.3, columnspacing=0.6, borderaxespad=0.1)  # fmt: skip
 
 
-COLUMNS = 2
 LEGEND_IN, LEAST_WIDTH_IN = 0.36, 3.2  # at most two rows; a column of a paper
 _MARGIN_IN, _LINE_IN, _NAME_IN = 0.04, 0.13, 0.18
 
 
 @figures.styled
 def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figure:
-    """Draw an image with one or several sets of layers, two in a row, under one name and above one legend.
+    """Draw an image with one or several sets of layers beside each other, under one name and above one legend.
 
     Args:
         layers: at least one, of the same image.
@@ -373,24 +372,20 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     Source:
         Mariotti and Eising 2020, the figure that explains the detection rates.
     """
-    columns = min(COLUMNS, len(layers))
-    rows = -(-len(layers) // columns)
     height, width = layers[0].pixels.shape[:2]
     scale = -(-int(LEAST_WIDTH_IN * figures.DPI) // width)
     width_in, height_in = scale * width / figures.DPI, scale * height / figures.DPI
     head_in = any(side.label for side in layers) * _LINE_IN + any(side.note for side in layers) * _LINE_IN + _MARGIN_IN
-    full_in = _NAME_IN * (1 + bool(title)) + rows * (head_in + height_in) + LEGEND_IN
-    across_in = columns * (width_in + _MARGIN_IN) + _MARGIN_IN
+    full_in = _NAME_IN * (1 + bool(title)) + head_in + height_in + LEGEND_IN
+    across_in = len(layers) * (width_in + _MARGIN_IN) + _MARGIN_IN
     figure = figures.new_figure(across_in, full_in)
     for number, line in enumerate(filter(None, (title, name))):
         at_in = full_in - 0.03 - number * _NAME_IN
         text = figure.text(0.5, at_in / full_in, line, ha="center", va="top", fontsize=8)
         fit_text(text, across_in - 2 * _MARGIN_IN)
     for number, side in enumerate(layers):
-        row, column = divmod(number, columns)
-        bottom_in = LEGEND_IN + (rows - 1 - row) * (head_in + height_in)
-        left_in = _MARGIN_IN + column * (width_in + _MARGIN_IN)
-        axes = figures.axes_at(figure, left_in, bottom_in, width_in, height_in)
+        left_in = _MARGIN_IN + number * (width_in + _MARGIN_IN)
+        axes = figures.axes_at(figure, left_in, LEGEND_IN, width_in, height_in)
         draw_layers(axes, side)
         axes.set_title("\n".join(filter(None, (side.label, side.note))), pad=2, fontsize=7)
         fit_text(axes.title, width_in)
@@ -475,7 +470,8 @@ def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
 
 
 def _draw_colour_bar(axes: Axes, coloured: ScalarMappable, unit: str) -> None:
-    most = coloured.norm.vmax
+    _, most = coloured.get_clim()
+    assert most is not None, "each panel fixes its colours"
     beside = axes.inset_axes((1.023, 0.05, 0.035, 0.9))
     bar = axes.figure.colorbar(coloured, cax=beside, extend="max", ticks=[0.0, most / 2, most])
     bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
@@ -589,7 +585,7 @@ def draw_cluster(
     show_image(picture, image)
     zoom_on(picture, polygon, size=(width, height), aspect=width / height)
     seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
-    picture.scatter(*seen.T, s=0.8, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    picture.scatter(seen[:, 0], seen[:, 1], s=0.8, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
     draw_outline(picture, polygon, colour=figures.VERMILION, width=1.1)
     plan.set_title("(a) point cloud from above", pad=3)
     picture.set_title(f"(b) {title}", pad=3)

@@ -28,7 +28,6 @@ from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.harness import ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
-from bench.plain_text import counted
 from bench.reference import Status
 from bench.reporting import formats
 from bench.reporting.document import (
@@ -47,8 +46,8 @@ from bench.reporting.document import (
     to_page,
 )
 from bench.reporting.figures import draw_charts, figure_uri
-from bench.reporting.frame import draw_close_up, draw_frames, scored_layers
-from bench.reporting.frame_pictures import ImageKey, draw_images, draw_panels, example_frames
+from bench.reporting.frame import draw_close_up, draw_frames, draw_panels, scored_layers
+from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
     is_rendered,
     left_out_note,
@@ -326,21 +325,17 @@ _READ = (
 )
 
 
-def _number(digits: int, *, times: float = 1.0) -> Callable[[float], str]:
-    return lambda value: "" if math.isnan(value) else f"{times * value:.{digits}f}"
-
-
 _COLUMNS: dict[str, Heads] = {
     "object": "object",
     **{name: name for name in ("recording", "camera", "class", "kind", "outcome")},
     "timestamp_ns": "time (ns)",
-    "iou": Column("IoU %", _number(1, times=100)),
-    "coverage": Column("TPR %", _number(1, times=100)),
-    "fp": Column("false px", _number(0)),
-    "region_px": Column("object px", _number(0)),
-    "range_m": Column("range (m)", _number(1)),
-    "ego_speed_mps": Column("ego (km/h)", _number(1, times=3.6)),
-    "points": Column("points", _number(0)),
+    "iou": Column("IoU %", formats.number(1, times=100)),
+    "coverage": Column("TPR %", formats.number(1, times=100)),
+    "fp": Column("false px", formats.number(0)),
+    "region_px": Column("object px", formats.number(0)),
+    "range_m": Column("range (m)", formats.number(1)),
+    "ego_speed_mps": Column("ego (km/h)", formats.number(1, times=3.6)),
+    "points": Column("points", formats.number(0)),
 }
 
 
@@ -394,7 +389,7 @@ def _object_section(run: StoredRun, elements: Elements) -> Group:
     )
     choices = [Choice(tag, label, EVALUATED if tag == "outcome" else "") for tag, label in FILTERS.items()]
     blocks: list[Block] = [Paragraph(about), Code(_view_command(run)), Filters(choices, "Search"), table]
-    return Group(look="section", name="frames", title="Object-frames", count=f"{len(table.rows):,} rows", blocks=blocks)
+    return Group(look="section", name="frames", title="Object-frames", blocks=blocks)
 
 
 def _view_command(run: StoredRun) -> str:
@@ -483,7 +478,7 @@ def write_page(
     """
     run = read_run(folder)
     boxes, elements, missing = worst_cases(run, pictures=pictures, progress=progress)
-    worst = [
+    worst: list[Block] = [
         Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
                   f"false marks, the worst first. {COLOURS}"), *map(_missing, missing), *boxes,
     ]  # fmt: skip
@@ -552,15 +547,15 @@ def _measured(run: StoredRun) -> Iterator[Group]:
     metrics, summary, charts = run.metrics, run.summary, draw_charts(run)
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
     tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
-    yield section(name="splits", title="Broken down", count=counted(len(tables), "table"), blocks=[
+    yield section(name="splits", title="Broken down", blocks=[
         Paragraph("The same object-frames sorted in other ways, to see where the method fails. Bins are half-open: "
                   "[2, 4) holds 2 but not 4. Bars: the line across is the 95 % interval. “Lowest” marks the smallest "
                   "IoU of a table where its interval lies wholly below that of another row."), *tables])  # fmt: skip
     by_recording = _recording_table(run)
-    yield section(name="recordings", title="By recording", count=f"{len(by_recording.rows)} recordings", blocks=[
+    yield section(name="recordings", title="By recording", blocks=[
         Paragraph("Where to look first: a name shows its object-frames in the table below."), by_recording,
     ])  # fmt: skip
-    around = [
+    around: list[Block] = [
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
         *([Paragraph(formats.CORE)] if formats.found_level(run.protocol) else []), charts["range_map"].drawing(),
@@ -573,7 +568,7 @@ def _measured(run: StoredRun) -> Iterator[Group]:
                       f"wrongly marked on the way right. The dot is the run as it was scored. {over_all}".rstrip()),
             Group(look="charts", blocks=[charts["threshold_sweep"].drawing()])])  # fmt: skip
     if causes := _cause_table(metrics):
-        yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
+        yield section(name="causes", title="Causes of the false marks", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
                       "the likelihood there."), causes])  # fmt: skip
 
@@ -588,7 +583,7 @@ def _origin(run: StoredRun) -> Iterator[Group]:
         Group(look="folded", title="manifest.json", blocks=[Code(run.manifest.model_dump_json(indent=1))]),
     ])  # fmt: skip
     messages = [f"{number} x {problem}" for problem, number in summary.images.problems.items()]
-    yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
+    yield section(name="ledger", title="What was left out, and why", blocks=[
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "
                   "objects count neither as right nor as wrong."),
         _ledger(run.metrics),

@@ -23,7 +23,7 @@ from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
 from bench.reporting import formats
-from bench.reporting.document import Cell, Column, Paragraph, Report, Table
+from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Table
 
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
@@ -144,7 +144,7 @@ def results_table(rows: Sequence[TableRow], *, title: str, short: bool = False) 
     known = {name for row in rows for name in row.metrics}
     names = [*COVERAGES, "detection_rate", *formats.detection_levels(known), "ceiling_iou", "unknown_share"]
     names = [name for name in names if name in known and (name in ON_TERMINAL or not short)]
-    interval = formats.short_interval if short else formats.percent_interval
+    interval = formats.short_interval if short else formats.interval
 
     def cells(row: TableRow) -> list[Cell | None]:
         if row.name != FALSE_POSITIVES:
@@ -166,11 +166,11 @@ def _label(row: TableRow) -> Cell:
     return Cell(name, tuple(filter(None, (constraint and f"({constraint}", of_paper))))
 
 
-def _cell(row: TableRow, name: str, interval: Callable[[Metric], str]) -> Cell:
+def _cell(row: TableRow, name: str, interval: Callable[[tuple[float, float] | None], str]) -> Cell:
     metric = row.metrics[name]
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
-    below = [interval(metric)]
+    below = [interval(metric.ci95)]
     if name.startswith("detection_rate") and not math.isnan(chance := row.metrics[formats.chance_of(name)].value):
         below.append(f"chance {100 * chance:.0f}")
     if name in row.paper:
@@ -320,7 +320,7 @@ def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, no
         for name, metric in formats.headline_metrics(summary).items():
             row |= {name: metric.value} | {f"{name}.{end}": at for end, at in formats.ends(metric).items()}
         numbers.append(row)
-    blocks = [Paragraph(about), sweep_table(setting, runs, title="")]
+    blocks: list[Block] = [Paragraph(about), sweep_table(setting, runs, title="")]
     return Report(title=title, blocks=blocks, numbers=numbers, page=True)
 
 

@@ -132,14 +132,13 @@ def test_an_outline_is_drawn_where_it_hides_no_band():
 
 def test_several_methods_beside_each_other():
     frame = scored_layers(processed(busy_frame(), segmentation(busy_frame()).mask_at(640, 480)), label="ours")
-    others = [replace(frame, label="theirs", note="IoU 41.0 %"), replace(frame, label="third")]
-    figure = draw_frames([frame, *others], name="demo", title="worst")
+    figure = draw_frames([frame, replace(frame, label="theirs", note="IoU 41.0 %")], name="demo", title="worst")
     assert [text.get_text() for text in figure.texts] == ["worst", "demo"]
     heads = [axes.get_title() for axes in figure.axes]
-    false = "false positives 8.7 % of the image"
-    assert heads == [f"ours\n{false}", "theirs\nIoU 41.0 %", f"third\n{false}"]
-    rows = [round(axes.get_position().y0, 3) for axes in figure.axes]
-    assert rows[0] == rows[1] > rows[2]
+    assert heads == ["ours\nfalse positives 8.7 % of the image", "theirs\nIoU 41.0 %"]
+    left, right = (axes.get_position() for axes in figure.axes)
+    assert (left.y0, left.y1) == (right.y0, right.y1)
+    assert left.x1 < right.x0
     assert len(figure.legends) == 1
 
 

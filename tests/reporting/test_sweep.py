@@ -8,33 +8,26 @@ from types import SimpleNamespace
 import pytest
 from matplotlib.colors import to_hex
 
-from bench.evaluation import FalsePositiveMetrics, Metric, ObjectMetrics
+from bench.evaluation import FalsePositiveMetrics, ObjectMetrics
 from bench.reporting.document import to_csv, to_markdown
 from bench.reporting.figures import BLUE, GREEN, PURPLE, VERMILION, draw_sweep
 from bench.reporting.formats import headline_metrics
 from bench.reporting.run_tables import sweep_report, write_sweep
-
-
-def metric(value, *, spread=0.1):
-    if math.isnan(value):
-        return Metric(value=value, ci95=None, cases=0, recordings=0)
-    return Metric(value=value, ci95=(value - spread, value + spread), cases=40, recordings=7)
+from tests.reporting.summaries import figure
 
 
 def run(share, *, levels=("10", "50"), frames=40):
-    names = ("detection_rate", "chance", "tpr", "tpr_all", "iou", "iou_detected")
-    shifts = {"tpr_all": -0.01, "iou": -0.3}
-    named = {name: metric(share + shifts.get(name, 0)) for name in names}
-    named |= {f"detection_rate_{level}": metric(share - 0.05) for level in levels}
-    coverage = metric(0.28, spread=0.02)
+    shifts = {"detection_rate": 0, "chance": 0, "tpr": 0, "tpr_all": -0.01, "iou": -0.3, "iou_detected": 0}
+    named = {name: figure(share + shift, spread=0.1) for name, shift in shifts.items()}
+    named |= {f"detection_rate_{level}": figure(share - 0.05, spread=0.1) for level in levels}
+    of_images = {name: figure(0.28, spread=0.02) for name in ("coverage", "coverage_valid", "frame_rate")}
     return SimpleNamespace(
         all_moving=ObjectMetrics(object_frames=frames, tracks=3, recordings=7, **named),
         false_positives=FalsePositiveMetrics(
-            frames=12, recordings=8, coverage=coverage, coverage_valid=coverage, frame_rate=coverage,
-            components_per_frame=coverage,
+            frames=12, recordings=8, components_per_frame=of_images["coverage"], **of_images
         ),
         images=SimpleNamespace(evaluated=12),
-    )  # fmt: skip
+    )
 
 
 RUNS = {"3e-4": run(0.9), "6e-4": run(0.8, frames=38), "1e-2": run(0.6)}
@@ -46,30 +39,22 @@ def axes_of(runs):
     return axes
 
 
-def test_csv_has_one_line_per_value_at_full_precision():
-    lines = list(
-        csv.DictReader(io.StringIO(to_csv(sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="").numbers)))
-    )
+def test_csv_and_markdown_have_one_line_per_value():
+    told = sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.")
+    lines = list(csv.DictReader(io.StringIO(to_csv(told.numbers))))
     assert [line["threshold"] for line in lines] == ["3e-4", "6e-4", "1e-2", "1"]
     assert [line["object_frames"] for line in lines] == ["40", "38", "40", "40"]
-    assert float(lines[1]["tpr_all"]) == 0.8 - 0.01
+    assert float(lines[1]["tpr_all"]) == 0.8 - 0.01, "at full precision"
     assert float(lines[1]["iou.ci95_low"]) == pytest.approx(0.4)
     assert lines[1]["false_positive_coverage"] == "0.28"
     assert (lines[1]["recordings"], lines[1]["images"]) == ("7", "12")
     assert lines[3]["iou"] == lines[3]["iou.ci95_high"] == ""
-
-
-def test_markdown_has_the_headline_metrics_with_intervals():
-    text = to_markdown(sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.").blocks)
-    headings = "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |"
-    assert headings in text
-    assert (
-        "| 1e-2 | 12 | 40 | 7 | 30.0 %<br>[20.0, 40.0] | 59.0 %<br>[49.0, 69.0] | 55.0 %<br>[45.0, 65.0] | 28.0 %"
-        in text
-    )
+    text = to_markdown(told.blocks)
+    assert "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |" in text
+    shares = "30.0 %<br>[20.0, 40.0] | 59.0 %<br>[49.0, 69.0] | 55.0 %<br>[45.0, 65.0] | 28.0 %"
+    assert f"| 1e-2 | 12 | 40 | 7 | {shares}" in text
     assert text.count("fewer than 6 recordings have none") == text.count("A note.") == 1
     assert "| 1 | 12 | 40 | 7 | n/a<br>(0 cases) |" in text
-    assert len({line.count("|") for line in text.splitlines() if line.startswith("|")}) == 1
 
 
 def test_a_protocol_without_the_level_has_no_such_column():
@@ -86,8 +71,7 @@ def test_chart_draws_the_metrics_in_percent_with_their_intervals():
     assert set(lines) == {BLUE, GREEN, PURPLE, VERMILION}
     assert lines[BLUE].get_xdata().tolist() == [3e-4, 6e-4, 1e-2], "by value, however they were given"
     assert lines[BLUE].get_ydata() == pytest.approx([85, 75, 55])
-    ends = axes.collections[-1].get_segments()[0][:, 1]
-    assert ends == pytest.approx((26, 30))
+    assert axes.collections[-1].get_segments()[0][:, 1] == pytest.approx((26, 30))
     assert (axes.get_xscale(), axes.get_xlabel(), axes.get_ylabel()) == ("log", "threshold", "percent")
 
 

@@ -99,7 +99,7 @@ def test_markdown_and_terminal_show_the_same_values():
             assert f"{100 * metric.value:.1f}<br>{interval(metric.ci95)}" in text
             if name != "detection_rate_10":
                 assert f"{100 * metric.value:.1f}" in shown
-                assert short_interval(metric) in shown
+                assert short_interval(metric.ci95) in shown
     crossing = next(line for line in text.splitlines() if line.startswith("| Crossing"))
     assert crossing.startswith("| Crossing<br>(epipolar)<br>paper: 3848 | 8 | 100 | 7 | 32.5<br>[27.5, 37.5] | ")
     assert crossing.count("paper") == 4

@@ -146,9 +146,6 @@ def test_runs_that_do_not_compare_are_refused_with_both_values(half, tmp_path, c
         compared(half, half, other)
     assert str(refused.value).startswith(f"{half}/paper-v1 and {other}/")
     assert "\n" not in str(refused.value)
-
-
-def test_one_run_is_not_enough(half):
     with pytest.raises(UsageError, match="at least two runs, got 1"):
         compared(half)
 
@@ -258,9 +255,13 @@ def test_recordings_are_set_beside_each_other(folders, tmp_path):
         assert line.split(" | ")[1:7] == expected
 
 
-def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_path):
+def test_without_data_there_are_no_pictures_and_old_ones_go(folders, tmp_path):
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("01-01-newly-missed.jpg", "mine.jpg"):
+        (pictures / name).write_bytes(b"")
     comparisons, _ = write_comparison(folders, tmp_path)
-    assert not (tmp_path / "pictures").exists()
+    assert [file.name for file in pictures.iterdir()] == ["mine.jpg"]
     remarks = [comparison.remarks for comparison in comparisons]
     assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
     assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
@@ -275,15 +276,6 @@ def test_the_page_leads_to_the_pages_of_the_runs(folders, tmp_path):
     ((address, label),) = links  # the other run has no page
     assert label == "new"
     assert (tmp_path / "a b" / unquote(address)).resolve() == page.resolve()
-
-
-def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    for name in ("01-01-newly-missed.jpg", "mine.jpg"):
-        (pictures / name).write_bytes(b"")
-    write_comparison(folders, tmp_path)
-    assert [file.name for file in pictures.iterdir()] == ["mine.jpg"]
 
 
 def test_the_terminal_table_fits(folders):
