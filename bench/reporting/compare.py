@@ -199,7 +199,6 @@ def what_is_shown_of(before: StoredRun, after: StoredRun, metric: str) -> Shown:
 # What was gained and lost.
 
 LISTED = 50  # of each kind, one per track
-SIDES = "before", "after"  # of a comparison, as columns are called
 
 
 class Kind(StrEnum):
@@ -214,8 +213,8 @@ class Kind(StrEnum):
 
 
 # Columns of the frames that changed: `track_id` and `category` missing and `what`, the object in words, empty for false
-# positives; in both runs the coverage of the object, or the false-positive coverage of the image, and the object's IoU.
-CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after", "iou_before", "iou_after"]
+# positives; in both runs the coverage of the object, or the false-positive coverage of the image.
+CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after"]
 
 
 def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -601,28 +600,21 @@ def _draw_changed_frames(
     for ordinal, frame in enumerate(largest, start=1):
         name = f"{number:02d}-{ordinal:02d}-{frame['kind'].replace(' ', '-')}.jpg"
         chosen.setdefault((frame["recording"], frame["camera"], frame["timestamp_ns"]), {})[name] = frame
-    labels = {
-        side: run.label if method == run.label else f"{run.label}: {method}"
-        for side, run, method in zip(SIDES, (comparison.before, comparison.after), comparison.methods, strict=True)
-    }
-
-    def values(frame: Mapping[Any, Any], side: str) -> str:
-        told = f"coverage {formats.percent(frame[side])}, IoU {formats.percent(frame[f'iou_{side}'])}"
-        return told if frame["what"] else ""
+    runs = (comparison.before, comparison.after)
+    labels = [
+        run.label if method == run.label else f"{run.label}: {method}"
+        for run, method in zip(runs, comparison.methods, strict=True)
+    ]
 
     def draw(
         key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline
     ) -> dict[str, Mapping[Any, Any]]:
         for name, frame in chosen[key].items():
-            layers = [
-                scored_layers(processed, label=label, note=values(frame, side))
-                for processed, (side, label) in zip(both, labels.items(), strict=True)
-            ]
+            layers = [scored_layers(processed, label=label) for processed, label in zip(both, labels, strict=True)]
             figure = draw_frames(layers, name=formats.image_name(*key), title=_headline(frame))
             write_bytes(folder / name, figures.jpeg_bytes(figure))
         return chosen[key]
 
-    runs = (comparison.before, comparison.after)
     drawn, problems = frame_pictures.draw_images(runs, chosen, draw, progress=progress)
     pictures = {name: frame for of_image in drawn.values() for name, frame in of_image.items()}
     remarks = tuple(f"no picture: {problem}" for problem in problems)

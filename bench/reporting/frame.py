@@ -239,16 +239,13 @@ class Layers:
     note: str = ""
 
 
-def scored_layers(
-    processed: ProcessedFrame, *, label: str = "", note: str = "", sweep: SeenSweep | None = None
-) -> Layers:
-    """Return the layers of a frame as it was scored; without a note, that of the false positives of the image."""
+def scored_layers(processed: ProcessedFrame, *, label: str = "", sweep: SeenSweep | None = None) -> Layers:
+    """Return the layers of a frame as it was scored, with a note of the false positives of the image."""
     reference = processed.reference
     height, width = reference.valid.shape
     detected = processed.segmentation.mask_at(width, height) & reference.valid
-    if not note:
-        frame, _ = count_frame(reference, detected, component_size_px=0)
-        note = f"false positives {100 * frame.fp_px / (frame.width * frame.height):.1f} % of the image"
+    frame, _ = count_frame(reference, detected, component_size_px=0)
+    note = f"false positives {100 * frame.fp_px / (frame.width * frame.height):.1f} % of the image"
     return Layers(pixels=processed.pixels, reference=reference, detected=detected, sweep=sweep, label=label, note=note)
 
 
