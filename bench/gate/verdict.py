@@ -204,8 +204,9 @@ class Verdict:
         return f"gate {result}: {', '.join(parts) or 'nothing to compare'}"
 
 
-def _numbers(row: Row) -> tuple[str, float, float, int, int]:
-    return row.metric, row.before, row.after, row.cases_before, row.cases_after
+def _numbers(row: Row) -> tuple[str, Outcome, float, float, int, int]:
+    """What two rows of the same object-frames have in common; by tolerances of its own one may have another outcome."""
+    return row.metric, row.outcome, row.before, row.after, row.cases_before, row.cases_after
 
 
 def _worst_first(row: Row) -> tuple[float, bool, str, str]:

@@ -298,14 +298,12 @@ def _draw_panel(axes: Axes, range_map: RangeMap | None, reach_m: float, vehicle_
 
 def _reach(maps: Sequence[RangeMap]) -> float:
     """Half the side of the square about the vehicle's origin that holds every cell with an object."""
-    reach_m = _LEAST_REACH_M
+    reach_m = [_LEAST_REACH_M]
     for range_map in maps:
-        for across in (0, 1):
-            filled = np.flatnonzero(range_map.object_frames.any(axis=across))
-            if filled.size:
-                low_m, high_m = range_map.edges_m[[filled[0], filled[-1] + 1]].tolist()
-                reach_m = max(reach_m, -low_m, high_m)
-    return float(np.ceil(reach_m)) + 0.5  # the outermost ticks stay off the corners
+        filled = range_map.object_frames.any(axis=0) | range_map.object_frames.any(axis=1)
+        edges_m = np.abs(range_map.edges_m)
+        reach_m += np.maximum(edges_m[:-1], edges_m[1:])[filled].tolist()
+    return float(np.ceil(max(reach_m))) + 0.5  # the outermost ticks stay off the corners
 
 
 CURVE = "#2a8cc4"  # legible on white and on black

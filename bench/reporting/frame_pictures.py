@@ -540,7 +540,7 @@ def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: i
     arrows = None if flow is None else _arrows(recording, camera, flow)
     if arrows is None:
         told = ": too little motion or texture"
-    elif not len(arrows[0]):
+    elif not arrows.size:
         told = ": none where there is flow"
     else:
         current, predicted, seen = arrows
@@ -558,10 +558,8 @@ def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: i
     axes.set_title(f"(c) flow of what stands: predicted red, seen blue{told}", pad=3)
 
 
-def _arrows(
-    recording: Recording, camera: MountedCamera, flow: SeenFlow
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Of a point in each cell of a grid: its place, its place before as predicted and as seen; each (K, 2), px."""
+def _arrows(recording: Recording, camera: MountedCamera, flow: SeenFlow) -> NDArray[np.float64]:
+    """(3, K, 2), px, of a point in each cell of a grid: its place, its place before as predicted, and as seen."""
     small = reduced(camera)
     pixels = []
     for time_ns in (flow.current_ns, flow.previous_ns):
@@ -571,17 +569,11 @@ def _arrows(
     rows = np.flatnonzero(now & before)
     u, v = np.round(current[rows]).astype(int).T
     seen = current[rows] + flow.flow[np.clip(v, 0, small.model.height - 1), np.clip(u, 0, small.model.width - 1)]
-    kept = np.isfinite(seen).all(axis=1)
-    rows, seen = rows[kept], seen[kept]
+    places = np.stack([current[rows], previous[rows], seen])[:, np.isfinite(seen).all(axis=1)]
     step = small.model.width / ARROWS_ACROSS
-    cells = (current[rows] // step).astype(int) @ np.array([1, ARROWS_ACROSS + 1])
+    cells = (places[0] // step).astype(int) @ np.array([1, ARROWS_ACROSS + 1])
     _, first = np.unique(cells, return_index=True)
-    scale = camera.model.width / small.model.width
-    full = [
-        (pixels_small + 0.5) * scale - 0.5
-        for pixels_small in (current[rows][first], previous[rows][first], seen[first])
-    ]
-    return full[0], full[1], full[2]
+    return (places[:, first] + 0.5) * (camera.model.width / small.model.width) - 0.5
 
 
 def _draw_geometry(axes: Axes, camera: MountedCamera) -> None:

@@ -1,8 +1,9 @@
-"""The one drawing of a frame: what every pixel counts as, how it is drawn, names and legend; panels and clusters."""
+"""The one drawing of a frame: what each pixel counts as, how it is drawn, names and legend; panels, clusters, files."""
 
 from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -12,7 +13,8 @@ from matplotlib.image import AxesImage
 from matplotlib.quiver import Quiver
 from shapely import box
 
-from bench.records.reference import Status
+from bench.evaluation.rows import objects_table
+from bench.records.reference import Category, Status
 from bench.records.segmentation import Segmentation
 from bench.reporting.figures import figure_pixels
 from bench.reporting.frame import (
@@ -28,6 +30,7 @@ from bench.reporting.frame import (
     reference_layers,
     scored_layers,
 )
+from bench.reporting.frame_pictures import example_frames, write_frame_pictures
 from tests.reporting.factories import (
     banded_frame,
     busy_frame,
@@ -37,6 +40,7 @@ from tests.reporting.factories import (
     reference_object,
     segmentation,
 )
+from tests.support.result_rows import object_row
 
 
 def processed(reference, detected):
@@ -228,3 +232,27 @@ def test_a_cluster_from_above_and_its_object_enlarged():
     (left, right), (bottom, top) = picture.get_xlim(), picture.get_ylim()
     assert left < u_min < u_max < right
     assert top < v_min < v_max < bottom
+
+
+def test_the_frame_where_an_object_fills_most_pixels_tells_of_its_category():
+    rows = [object_row(n) | {"region_px": px} for n, px in enumerate((100, 300, 200))]
+    rows.append(object_row(3) | {"region_px": 900, "status": "ignored"})
+    assert example_frames(objects_table(rows)) == {Category.CROSSING: ("drive-1", "front", 100)}
+
+
+def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_called(tmp_path):
+    strange = replace(busy_frame().objects[0], track_id="../x y")
+    reference = reference_frame([strange])
+    processed = SimpleNamespace(
+        image=SimpleNamespace(moving_path=None),
+        pixels=fisheye_image(),
+        segmentation=segmentation(reference),
+        reference=reference,
+    )
+    pipeline = Mock()
+    pipeline.references.geometry.return_value = cluster()["geometry"]
+    pipeline.recording.vehicle_outline_m = cluster()["vehicle_outline_m"]
+    files = write_frame_pictures(processed, pipeline, tmp_path / "pictures", made_by="method own, protocol paper-v1")
+    names = ["panels.png", "areas.png", "cluster-.._x_y.png"]
+    assert [file.name for file in files] == names
+    assert sorted(names) == sorted(file.name for file in (tmp_path / "pictures").iterdir())

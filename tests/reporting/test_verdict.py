@@ -8,6 +8,7 @@ import pytest
 from junitparser import JUnitXml
 
 from bench.gate import Check, Outcome
+from bench.gate.tolerances import Override
 from bench.gate.verdict import change_lines, folded_lines, main_rows, overall_rows, worst_line
 from bench.reporting import verdict
 from bench.reporting.verdict import (
@@ -18,7 +19,7 @@ from bench.reporting.verdict import (
     to_junit,
     to_markdown,
 )
-from tests.gate.factories import ALL_DECIDE, one, scored, sums, verdict_of
+from tests.gate.factories import ALL_DECIDE, RULES, one, scored, sums, verdict_of
 from tests.reporting.printed import printed
 
 
@@ -52,6 +53,10 @@ def test_one_kind_of_motion_alone_is_told_once():
     (suite,) = JUnitXml.fromstring(to_junit(found))
     assert [case.name for case in suite if case.classname == "gate.metrics"] == ["all_moving"]
     assert len(json.loads(to_json(found))["rows"]) == 6, "programs get all"
+    lenient = RULES.model_copy(update={"slices": {"all_moving": {"iou": Override(absolute=0.9)}}})
+    one_by_its_own = verdict_of(run(*[0.9] * 8), run(*[0.5] * 8), lenient)
+    assert [(row.slice_name, row.metric) for row in main_rows(one_by_its_own)] == [("static_ego", "iou")]
+    assert one_by_its_own.headline.startswith("gate FAILED: 3 failed")
 
 
 def with_message(verdict, message):

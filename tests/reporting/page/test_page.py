@@ -1,18 +1,192 @@
-"""The page as a file."""
+"""The page of a run: its top, statements read off the tables, the worst cases, and the file."""
 
+import math
 import re
 import shutil
+from types import SimpleNamespace
 
 import pyarrow as pa
 import pytest
 
+from bench.evaluation import rows
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECT, OBJECTS_SCHEMA, TableRows
+from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.harness import read_run, read_tables
 from bench.reporting.document import environment
 from bench.reporting.figures import write_figures
-from bench.reporting.run_page import object_table, write_page
+from bench.reporting.formats import percent
+from bench.reporting.run_page import (
+    breakdown_table,
+    breakdowns,
+    image_facts,
+    lowest_of,
+    object_facts,
+    object_table,
+    remarks,
+    tiles,
+    worst_frames,
+    worst_objects,
+    write_page,
+)
+from tests.evaluation.runs import random_run, shuffled
 from tests.reporting.compare.runs import drawn, write_run
+from tests.reporting.printed import texts
+from tests.reporting.summaries import object_figures, summary
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest
+
+
+def told(figures):
+    return [(remark.style, remark.text) for remark in remarks(figures)]
+
+
+def of_kinds(**rows):
+    return summary().model_copy(update={"categories": rows})
+
+
+def without_intervals(row, recordings=5):
+    names = row.metric_names()
+    few = {name: row.metric(name).model_copy(update={"ci95": None, "recordings": recordings}) for name in names}
+    return ObjectMetrics(object_frames=row.object_frames, tracks=row.tracks, recordings=recordings, **few)
+
+
+def test_the_kinds_are_in_the_order_of_iou_and_those_without_cases_left_out():
+    table = breakdown_table("categories", breakdowns(summary())["categories"])
+    assert [row[:2] for row in texts(table)] == [
+        ["Preceding", "15.0 %"], ["Approaching", "22.5 %"], ["Crossing", "32.5 %"], ["Overtaking", "45.0 %"]
+    ]  # fmt: skip
+    assert [cells[1].style for cells in table.cells()] == ["bad", "strong", "strong", "strong"], "clearly the lowest"
+
+
+@pytest.mark.parametrize(
+    ("third", "said"),
+    [
+        (object_figures(0.64), False),
+        (object_figures(0.1), True),
+        (without_intervals(object_figures(0.1)), False),
+        (object_figures(0.1, object_frames=9), False),
+    ],
+)
+def test_the_lowest_is_named_only_where_its_interval_lies_wholly_below_another(third, said):
+    rows = {"crossing": object_figures(0.60), "overtaking": object_figures(0.62), "preceding": third}
+    statement = ("bad", "IoU is clearly lower than elsewhere, by kind of motion: Preceding with 4.5 %.")
+    assert told(of_kinds(**rows)) == ([statement] if said else [])
+
+
+def test_the_statement_names_what_the_tables_mark():
+    rows = {"[0, 2)": object_figures(0.9), "[2, 4)": object_figures(0.2), "[4, 6)": object_figures(math.nan)}
+    found = of_kinds(crossing=object_figures(0.6)).model_copy(update={"breakdowns": {"range_m": rows}})
+    assert told(found) == [("bad", "IoU is clearly lower than elsewhere, by range: [2, 4) with 9.0 %.")]
+    table = breakdown_table("range_m", breakdowns(found)["range_m"])
+    assert [row[0] for row in texts(table)] == ["[0, 2)", "[2, 4)"], "only what occurs is listed"
+    assert [cells[0].text for cells in table.cells() if cells[1].style == "bad"] == ["[2, 4)"]
+    assert lowest_of(rows | {"[2, 4)": object_figures(0.2, object_frames=9)}) is None
+
+
+def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
+    figures = summary()
+    ceiling = Metric(value=0.92, ci95=None, cases=100, recordings=8)
+    with_truth = figures.all_moving.model_copy(update={"ceiling_iou": ceiling})
+    table = tiles(figures.model_copy(update={"all_moving": with_truth}), large_px=100)
+    assert list(zip((cell.text for cell in table.headings()), texts(table)[0], strict=True)) == [
+        ("IoU, all", "27.0 %"),
+        ("TPR, all", "42.0 %"),
+        ("Detection at 50 %", percent(figures.all_moving.metric("detection_rate_50").value)),
+        ("False-positive coverage", "10.5 %"),
+        ("Frames with a large false positive", "88.0 %"),
+    ]
+    assert table.cells()[0][4].below == ("[83.0, 93.0]", "of the images have a false patch of more than 100 px")
+    assert table.cells()[0][0].below == ("[22.0, 32.0]", "ceiling 92.0 %; over 100 object-frames")
+    assert tiles(figures, large_px=100).cells()[0][0].below[-1] == "over 100 object-frames"
+
+
+def test_what_was_not_scored_is_said():
+    images = FrameLedger(images=10, evaluated=7, failed=2, skipped=1, problems={})
+    texts = [text for _, text in told(summary().model_copy(update={"images": images}))]
+    assert "3 of 10 images could not be scored; the last section says why." in texts
+    none = of_kinds(crossing=object_figures(math.nan))
+    assert told(none) == [("warn", "No object-frame was evaluated: there is nothing to say of moving objects.")]
+
+
+def test_cells_without_cases_have_no_bar():
+    rows = {"a": object_figures(0.9), "b": object_figures(0.2), "c": object_figures(math.nan)}
+    ious = {name: cells[1] for name, cells in zip(rows, breakdown_table("camera", rows).cells(), strict=True)}
+    assert (ious["c"].below, ious["c"].bar) == (("(0 cases)",), None)
+    assert ious["a"].below == ("[35.5, 45.5]",)
+    assert (ious["a"].bar.share, *ious["a"].bar.interval) == pytest.approx((0.405, 0.355, 0.455))
+
+
+# The worst cases.
+
+S = 1_000_000_000
+
+
+def objects(*rows):
+    fixed = {"recording": "drive", "camera": "front", "status": "evaluated", "category": "crossing", "region_px": 100}
+    content = [
+        dict.fromkeys(OBJECTS_SCHEMA.names) | fixed
+        | {"track_id": track, "timestamp_ns": time, "tp": tp, "fn": 100 - tp, "fp": 0}
+        for track, time, tp in rows
+    ]  # fmt: skip
+    return pa.Table.from_pylist(content, schema=OBJECTS_SCHEMA)
+
+
+def frames(*rows):
+    fixed = dict.fromkeys(FRAMES_SCHEMA.names) | {"camera": "front", "status": "evaluated", "width": 10, "height": 10}
+    content = [
+        fixed | {"recording": recording, "timestamp_ns": time, "fp_px": fp, "fp_by_cause": []}
+        for recording, time, fp in rows
+    ]
+    return pa.Table.from_pylist(content, schema=FRAMES_SCHEMA)
+
+
+def test_the_least_found_image_of_each_object():
+    table = objects(("a", 0, 1), ("a", S // 2, 2), ("a", 2 * S, 3), ("b", 0, 40), ("c", 0, 90))
+    for most, expected in ((2, [("a", 0, 1), ("b", 0, 40)]), (9, [("a", 0, 1), ("b", 0, 40), ("c", 0, 90)])):
+        picked = worst_objects(table, most=most)
+        assert [(row["track_id"], row["timestamp_ns"], row["tp"]) for row in picked] == expected
+        assert [row["coverage"] for row in picked] == [tp / 100 for *_, tp in expected]
+
+
+def test_the_image_with_most_false_marks_of_each_recording():
+    table = frames(("x", 0, 50), ("x", 2 * S, 40), ("y", 0, 10), ("z", 0, 0))
+    assert [(r["recording"], r["coverage"]) for r in worst_frames(table, most=9)] == [("x", 0.5), ("y", 0.1)]
+    assert [r["recording"] for r in worst_frames(table, most=1)] == ["x"]
+
+
+ROW = {"coverage": 0.2, "range_m": 4.0, "points": 12, "region_px": 400, "polygon_px": 1000, "speed_mps": 4.8,
+       "ego_speed_mps": 5.0}  # fmt: skip
+
+
+def test_what_was_measured_is_said():
+    assert object_facts(ROW) == (
+        "20 % found; 4.0 m away, 12 lidar points, 400 px, 60 % hidden by nearer objects; 4.8 m/s, ego vehicle 5.0 m/s"
+    )
+    counts = {"fp_px": 100, "fp_by_cause": {"epipolar": 70, "height": 30}, "coverage": 0.5, "fp_components": 7,
+              "ego_speed_mps": 5.0}  # fmt: skip
+    assert image_facts(counts) == ("50 % wrongly marked in 7 patches, most by epipolar, 70 %; ego vehicle 5.0 m/s")
+    assert "most by" not in image_facts(counts | {"fp_by_cause": None})
+
+
+@pytest.mark.parametrize("rows_at_once", [1, 20, 10_000])
+def test_the_least_covered_object_frames_are_listed(monkeypatch, rows_at_once):
+    monkeypatch.setattr(rows, "ROWS_AT_ONCE", rows_at_once)
+    table, _ = random_run(2)
+    content = table.to_pylist()
+    evaluated = sorted(
+        (row["tp"] / (row["tp"] + row["fn"]), -row["region_px"], *(row[name] for name in OBJECT))
+        for row in content
+        if row["region_px"]
+    )
+    run = SimpleNamespace(objects=TableRows(shuffled(table, 1)))
+    listed, annotated = object_table(run, {}, most=10)
+    assert annotated == len(content)
+    assert [*listed.rows[OBJECT].itertuples(index=False, name=None)] == [row[2:] for row in evaluated[:10]]
+    every, _ = object_table(run, {}, most=10_000)
+    assert len(every.rows) == len(every.tags) == annotated
+
+
+# The file.
 
 SECTIONS = [
     "glance", "results", "splits", "recordings", "around", "threshold", "causes", "worst", "frames",
