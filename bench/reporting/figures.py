@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from bench.atomic import write_bytes
 from bench.evaluation import Metric, find_metric, threshold_sweep
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.harness.stored import StoredRun, read_run
+from bench.harness.stored import StoredRun
 from bench.plain_text import plain
 from bench.records.reference import Direction
 from bench.reporting.document import Drawing, data_uri
@@ -345,20 +345,6 @@ def draw_charts(run: StoredRun) -> dict[str, Chart]:
         figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
         charts.append(Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked"))
     return {chart.name: chart for chart in charts}
-
-
-def write_figures(folder: Path) -> tuple[Path, ...]:
-    """Write the charts of a run's page as `figures/*.pdf` and `.png` beside its results.
-
-    Raises:
-        DataError: a stored result is missing or damaged.
-    """
-    run = read_run(folder)
-    pairs = [
-        write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
-        for name, chart in draw_charts(run).items()
-    ]
-    return tuple(file for pair in pairs for file in pair)
 
 
 # The chart of a sweep.

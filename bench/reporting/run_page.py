@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from bench.harness import ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.reference import Status
-from bench.reporting import formats
+from bench.reporting import figures, formats
 from bench.reporting.document import (
     Block,
     Cell,
@@ -45,7 +45,6 @@ from bench.reporting.document import (
     Table,
     to_page,
 )
-from bench.reporting.figures import draw_charts, figure_uri
 from bench.reporting.frame import draw_close_up, draw_frames, draw_panels, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
@@ -176,7 +175,9 @@ def _examples(run: StoredRun) -> Iterator[Block]:
     uris, problems = draw_images(
         [run],
         titles,
-        lambda key, frames, _: figure_uri(draw_frames([scored_layers(frames[0])], name=formats.image_name(*key))),
+        lambda key, frames, _: figures.figure_uri(
+            draw_frames([scored_layers(frames[0])], name=formats.image_name(*key))
+        ),
     )
     yield from map(_missing, problems)
     yield Group(look="pairs", blocks=[Picture(uris[key], title, title) for key, title in titles.items() if key in uris])
@@ -297,12 +298,12 @@ def _pictures(processed: ProcessedFrame) -> dict[str, str]:
     """Addresses of the "areas", of the "panels", and of each evaluated object enlarged, "track <id>"."""
     reference, name, layers = processed.reference, formats.frame_name(processed.reference), scored_layers(processed)
     drawn = {
-        f"track {target.track_id}": figure_uri(draw_close_up(layers, target, name=name))
+        f"track {target.track_id}": figures.figure_uri(draw_close_up(layers, target, name=name))
         for target in reference.objects
         if target.status is Status.EVALUATED
     }
-    panels = figure_uri(draw_panels(processed))
-    return drawn | {"areas": figure_uri(draw_frames([layers], name=name)), "panels": panels}
+    panels = figures.figure_uri(draw_panels(processed))
+    return drawn | {"areas": figures.figure_uri(draw_frames([layers], name=name)), "panels": panels}
 
 
 def _shown(drawn: Mapping[str, str], title: str, track: str) -> Iterator[Block]:
@@ -449,34 +450,26 @@ def _ledger(metrics: Summary) -> Table:
 # The page.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Page:
-    """Page that was written.
-
-    Attributes:
-        file: the page.
-        problems: why pictures are missing, one line each.
-    """
-
-    file: Path
-    problems: tuple[str, ...]
-
-
 def write_page(
     folder: Path, *, out: Path | None = None, pictures: bool = True, progress: Progress | None = None
-) -> Page:
-    """Write the page of a run.
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Write the page of a run, and its charts as `figures/*.pdf` and `.png` beside the results.
 
     Args:
         folder: of the run or of its results by a protocol.
-        out: the file; `index.html` beside the results without it.
+        out: the page; `index.html` beside the results without it.
         pictures: process the worst images once more and show them.
         progress: called with the images done and their number.
+
+    Returns:
+        files: the page first.
+        problems: why pictures are missing, one line each.
 
     Raises:
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
     """
     run = read_run(folder)
+    charts = figures.draw_charts(run)
     boxes, elements, missing = worst_cases(run, pictures=pictures, progress=progress)
     worst: list[Block] = [
         Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
@@ -485,14 +478,18 @@ def write_page(
     sections = [
         Group(look="section", name="glance", title="At a glance",
               blocks=[*_glance(run, pictures=pictures and not missing)]),
-        *_measured(run),
+        *_measured(run, charts),
         Group(look="section", name="worst", title="Worst cases", blocks=worst),
         _object_section(run, elements),
         *_origin(run),
     ]  # fmt: skip
     title, file = f"{run.manifest.method.name} on {run.manifest.dataset.name}", out or run.folder / "index.html"
     write_output(file, to_page(title, [*_head(run), *sections], folder=run.folder))
-    return Page(file=file, problems=tuple(missing))
+    drawn = [
+        figures.write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
+        for name, chart in charts.items()
+    ]
+    return (file, *(picture for pair in drawn for picture in pair)), tuple(missing)
 
 
 def _head(run: StoredRun) -> list[Block]:
@@ -541,10 +538,10 @@ def _results(run: StoredRun) -> list[Block]:
     return [results_table(rows, title="In percent"), *notes]
 
 
-def _measured(run: StoredRun) -> Iterator[Group]:
+def _measured(run: StoredRun, charts: Mapping[str, figures.Chart]) -> Iterator[Group]:
     """The sections that need no picture of an image."""
     section = partial(Group, look="section")
-    metrics, summary, charts = run.metrics, run.summary, draw_charts(run)
+    metrics, summary = run.metrics, run.summary
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
     tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
     yield section(name="splits", title="Broken down", blocks=[

@@ -13,7 +13,6 @@ from bench.evaluation.rows import FRAMES_SCHEMA, OBJECT, OBJECTS_SCHEMA, TableRo
 from bench.evaluation.summary import FrameLedger, Metric, ObjectMetrics
 from bench.harness import read_run, read_tables
 from bench.reporting.document import environment
-from bench.reporting.figures import write_figures
 from bench.reporting.formats import percent
 from bench.reporting.run_page import (
     breakdown_table,
@@ -244,17 +243,12 @@ def test_every_recording_has_a_row_that_leads_to_its_frames(tiny_run, tiny_page)
     assert shown[3] == str(len(scored))
 
 
-def test_the_same_bytes_twice(tiny_run, tiny_page, tmp_path):
-    again = write_page(tiny_run, out=tmp_path / "again.html").file
-    assert again.read_bytes() == tiny_page.read_bytes()
-
-
-@pytest.mark.slow
-def test_figures_for_papers_are_vectors(tiny_run):
-    files = {file.name: file.read_bytes() for file in write_figures(tiny_run)}
-    names = ("range_map", "threshold_sweep")
-    assert set(files) == {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
-    assert all(content.startswith(b"%PDF") for name, content in files.items() if name.endswith(".pdf"))
+def test_the_same_bytes_twice_and_figures_for_papers_as_vectors(tiny_run, tiny_page, tmp_path):
+    files, _ = write_page(tiny_run, out=tmp_path / "again.html")
+    assert files[0].read_bytes() == tiny_page.read_bytes()
+    names = [f"{name}.{kind}" for name in ("range_map", "threshold_sweep") for kind in ("pdf", "png")]
+    assert [file.name for file in files] == ["again.html", *names]
+    assert all(file.read_bytes().startswith(b"%PDF") for file in files if file.suffix == ".pdf")
 
 
 def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
@@ -289,18 +283,17 @@ def test_control_characters_are_shown_wherever_a_page_has_them():
 @pytest.mark.usefixtures("without_charts")
 @pytest.mark.parametrize(("protocol", "times"), [("surface-v1", 2), ("paper-v1", 0)])
 def test_the_core_is_explained_where_it_counts(tmp_path, protocol, times):
-    page = write_page(write_run(tmp_path / "run", drawn(50), protocol=protocol), pictures=False)
-    assert page.file.read_text().count("Core: the part of an object&#39;s region") == times
+    (page,), _ = write_page(write_run(tmp_path / "run", drawn(50), protocol=protocol), pictures=False)
+    assert page.read_text().count("Core: the part of an object&#39;s region") == times
 
 
 @pytest.mark.usefixtures("without_charts")
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
     change_manifest(run, lambda content: content["dataset"].update(card=str(tmp_path / "gone.yaml")))
-    page = write_page(run)
-    text = page.file.read_text()
-    assert len(page.problems) == 1
-    assert "gone.yaml" in page.problems[0]
+    (page,), (problem,) = write_page(run)
+    text = page.read_text()
+    assert "gone.yaml" in problem
     assert "Pictures are missing" in text
     assert "No picture: the data set was not available." in text
     assert "<img" not in text
@@ -313,7 +306,8 @@ def test_pictures_show_what_was_scored_and_call_no_method(tiny_run, tmp_path, mo
     run = shutil.copytree(tiny_run, tmp_path / "run")
     trap = {"name": "my-own", "place": "subprocess:Popen", "settings": {"args": ["touch", str(tmp_path / "p")]}}
     change_manifest(run, lambda content: content["method"].update(trap))
-    text = write_page(run).file.read_text()
+    (page,), _ = write_page(run)
+    text = page.read_text()
     assert "<img" in text
     assert not (tmp_path / "p").exists()
 
@@ -327,9 +321,9 @@ def test_a_picture_that_would_not_show_what_was_scored_is_not_drawn(tiny_run, tm
         return frames.set_column(frames.schema.get_field_index("fp_px"), "fp_px", counts)
 
     change_table(run / "paper-v1", "frames", one_more)
-    page = write_page(run)
-    assert "<img" not in page.file.read_text()
-    assert all("code or data changed since" in problem for problem in page.problems)
+    (page,), problems = write_page(run)
+    assert "<img" not in page.read_text()
+    assert all("code or data changed since" in problem for problem in problems)
 
 
 @pytest.mark.usefixtures("without_charts")
@@ -337,9 +331,9 @@ def test_without_answers_there_are_no_pictures_and_the_reason_is_said(tiny_run, 
     run = shutil.copytree(tiny_run, tmp_path / "run")
     for file in (run / "answers").rglob("*.parquet"):
         file.write_bytes(file.read_bytes()[:-50])
-    assert "expected answers of a run" in str(write_page(run).problems)
+    assert "expected answers of a run" in str(write_page(run)[1])
     shutil.rmtree(run / "answers")
-    assert "the run holds no answer" in str(write_page(run).problems)
+    assert "the run holds no answer" in str(write_page(run)[1])
 
 
 def test_the_main_table_has_rows_with_cases_alone_and_names_the_others(tiny_page):
