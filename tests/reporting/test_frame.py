@@ -139,7 +139,7 @@ def test_several_methods_beside_each_other():
     figure = draw_frames([frame, replace(frame, label="theirs", note="IoU 41.0 %")], name="demo", title="worst")
     assert [text.get_text() for text in figure.texts] == ["worst", "demo"]
     heads = [axes.get_title() for axes in figure.axes]
-    assert heads == ["ours\nfalse positives 8.7 % of the image", "theirs\nIoU 41.0 %"]
+    assert heads == ["ours\nfalse positives 2.7 % of the image", "theirs\nIoU 41.0 %"]
     left, right = (axes.get_position() for axes in figure.axes)
     assert (left.y0, left.y1) == (right.y0, right.y1)
     assert left.x1 < right.x0
