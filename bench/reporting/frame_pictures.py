@@ -252,6 +252,7 @@ CODECS = {".mp4": "mp4v", ".webm": "VP90"}
 DISK_HINT = "free some disk space, then run the same command again"
 NEAR_STATE_NS = 60_000_000
 POINT_RADIUS_M = 0.03
+LEAST_ROOM_BYTES = 65_536  # of a log: with less the library waits for ever
 
 
 def refuse_other_files(*, video: Path | None, rrd: Path | None) -> None:
@@ -347,33 +348,46 @@ def rerun_log(
 
     Raises:
         UsageError: the viewer's library is not installed.
-        OutputError: the file is there, or cannot be written.
+        OutputError: the file is there, cannot be written, or not to its end.
         DataError: no ego-motion at an image.
     """
     rr = viewer()
     refuse_foreign(path)
     stream = rr.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
-    written = stream.binary_stream()
-    stream.log("world", rr.ViewCoordinates.FLU, static=True)
-    path_m = recording.trajectory.positions_m.astype(np.float32)
-    stream.log("world/path", rr.LineStrips3D([path_m]), static=True)
-    outline = np.column_stack([recording.vehicle_outline_m, np.zeros(len(recording.vehicle_outline_m))])
-    stream.log("world/vehicle/outline", rr.LineStrips3D([np.vstack([outline, outline[:1]])]), static=True)
 
-    with replacing(path) as temporary, temporary.open("wb") as file:
+    def add(image: ImageRef, picture: NDArray[np.uint8], seen: SeenSweep | None) -> None:
+        stream.set_time("exposure", timestamp=np.datetime64(image.timestamp_ns, "ns"))
+        pose = recording.trajectory.world_from_vehicle(image.timestamp_ns)
+        stream.log("world/vehicle", rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
+        rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        stream.log(f"images/{image.camera}", rr.Image(rgb).compress(jpeg_quality=90))
+        if seen is not None:
+            stream.log("world/lidar", rr.Points3D(seen.points_world.astype(np.float32), radii=POINT_RADIUS_M))
+        stream.log("world/objects", _boxes(rr, recording, image.timestamp_ns))
 
-        def add(image: ImageRef, picture: NDArray[np.uint8], seen: SeenSweep | None) -> None:
-            stream.set_time("exposure", timestamp=np.datetime64(image.timestamp_ns, "ns"))
-            pose = recording.trajectory.world_from_vehicle(image.timestamp_ns)
-            stream.log("world/vehicle", rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
-            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-            stream.log(f"images/{image.camera}", rr.Image(rgb).compress(jpeg_quality=90))
-            if seen is not None:
-                stream.log("world/lidar", rr.Points3D(seen.points_world.astype(np.float32), radii=POINT_RADIUS_M))
-            stream.log("world/objects", _boxes(rr, recording, image.timestamp_ns))
-            file.write(written.read() or b"")
+    with replacing(path) as temporary:
+        temporary.write_bytes(bytes(LEAST_ROOM_BYTES))
+        try:
+            with _write_errors(path):
+                stream.save(str(temporary))
+            stream.log("world", rr.ViewCoordinates.FLU, static=True)
+            path_m = recording.trajectory.positions_m.astype(np.float32)
+            stream.log("world/path", rr.LineStrips3D([path_m]), static=True)
+            outline = np.column_stack([recording.vehicle_outline_m, np.zeros(len(recording.vehicle_outline_m))])
+            stream.log("world/vehicle/outline", rr.LineStrips3D([np.vstack([outline, outline[:1]])]), static=True)
+            yield add
+            with _write_errors(path):
+                stream.flush()
+        finally:
+            stream.disconnect()
 
-        yield add
+
+@contextmanager
+def _write_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself
+        raise OutputError(path, got=str(error), hint=DISK_HINT) from error
 
 
 def _boxes(rr: ModuleType, recording: Recording, time_ns: int) -> Any:
