@@ -98,14 +98,14 @@ def metric_cell(metric: Metric) -> Cell:
     return Cell(percent(metric.value), (interval(metric.ci95),) if metric.ci95 else ())
 
 
-def bar_cell(metric: Metric, *notes: str, lowest: bool = False, tick: float | None = None) -> Cell:
-    """A ratio with its bar, and its interval and notes below; marked where it is the lowest of a table."""
+def bar_cell(metric: Metric, *notes: str, tick: float | None = None) -> Cell:
+    """A ratio with its bar, and its interval and notes below."""
     cell = metric_cell(metric)
     if math.isnan(metric.value):
         return cell
-    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
+    below = tuple(filter(None, (*cell.below, *notes)))
     bar = Bar(share=metric.value, interval=metric.ci95, tick=tick)
-    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
+    return replace(cell, below=below, style="strong", bar=bar)
 
 
 def with_interval(metric: Metric) -> str:

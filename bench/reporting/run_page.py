@@ -58,7 +58,6 @@ from bench.reporting.run_tables import (
 
 WORST = 3  # of each kind
 EXAMPLES = 2  # pictures that a reader sees first
-LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
 COLOURS = "Green is found, blue missed, orange wrongly marked."
 
 
@@ -94,22 +93,8 @@ def _bound_note(name: str, row: ObjectMetrics) -> str:
     return f"{other.partition('_')[0]} {formats.percent(row.metric(other).value)}"
 
 
-def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
-    """The row with the lowest IoU; None where no interval of another lies wholly above its own."""
-    known = {
-        name: (row.iou.value, *row.iou.ci95)
-        for name, row in rows.items()
-        if row.object_frames >= LEAST_OBJECT_FRAMES and row.iou.ci95
-    }
-    lowest = min(known, key=lambda name: known[name][0], default=None)
-    if lowest is None or all(low <= known[lowest][2] for _, low, _ in known.values()):
-        return None
-    return lowest
-
-
 BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
 BREAKDOWNS = {  # caption and heading of the first column, by name
-    "categories": ("By kind of motion", "kind"),
     "object_class": ("By class", "class"),
     "range_m": ("By range", "nearest point (m)"),
     "speed_mps": ("By the object's own speed", "speed (m/s)"),
@@ -120,49 +105,29 @@ BREAKDOWNS = {  # caption and heading of the first column, by name
 }
 
 
-def breakdowns(metrics: Summary) -> dict[str, dict[str, ObjectMetrics]]:
-    """Each way to sort the object-frames: its slices that have any, the kinds of motion first, of lowest IoU first."""
-    every = {"categories": {formats.LABELS[name]: row for name, row in metrics.categories.items()}} | metrics.breakdowns
-    filled = {name: {key: row for key, row in rows.items() if row.object_frames} for name, rows in every.items()}
-    filled["categories"] = dict(sorted(filled["categories"].items(), key=lambda item: item[1].iou.value))
-    return {name: rows for name, rows in filled.items() if rows}
-
-
-def breakdown_table(name: str, rows: Mapping[str, ObjectMetrics]) -> Table:
-    """One way to sort the object-frames; the lowest IoU is marked where it is clearly lower.
-
-    Args:
-        name: of `BREAKDOWNS`.
-        rows: by name of the slice; what all of them have is shown.
-    """
-    title, heading = BREAKDOWNS[name]
-    names = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
-    lowest = lowest_of(rows)
-    return Table(
-        title=title,
-        columns=[heading, *(find_metric(name).label for name in names), "object-frames", "objects", "recordings"],
-        rows=[
+def breakdown_tables(metrics: Summary) -> list[Table]:
+    """Each way to sort the object-frames, of those slices that have any; what all of these have is shown."""
+    tables = []
+    for breakdown, every in metrics.breakdowns.items():
+        rows = {key: row for key, row in every.items() if row.object_frames}
+        names = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
+        title, heading = BREAKDOWNS[breakdown]
+        columns = [heading, *(find_metric(name).label for name in names), "object-frames", "objects", "recordings"]
+        cells = [
             [key]
-            + [formats.bar_cell(row.metric(n), _bound_note(n, row), lowest=n == "iou" and key == lowest) for n in names]
+            + [formats.bar_cell(row.metric(name), _bound_note(name, row)) for name in names]
             + [row.object_frames, row.tracks, row.recordings]
             for key, row in rows.items()
-        ],
-    )
+        ]
+        tables += [Table(title=title, columns=columns, rows=cells)] if rows else []
+    return tables
 
 
 def remarks(metrics: Summary) -> Iterator[Paragraph]:
-    """What a reader should know first: where IoU is clearly lower than elsewhere, and what could not be scored."""
-    split = breakdowns(metrics)
-    if "categories" not in split:
+    """What a reader should know first: what could not be scored."""
+    if not metrics.all_moving.object_frames:
         why = not_annotated(metrics) or "No object-frame was evaluated: there is nothing to say of moving objects."
         yield Paragraph(why, "warn")
-    lowest = {name: key for name, rows in split.items() if (key := lowest_of(rows))}
-    named = [
-        f"{BREAKDOWNS[name][0].lower()}: {key} with {formats.percent(split[name][key].iou.value)}"
-        for name, key in lowest.items()
-    ]
-    if named:
-        yield Paragraph(f"IoU is clearly lower than elsewhere, {'; '.join(named)}.", "bad")
     images = metrics.images
     if left := images.failed + images.skipped:
         yield Paragraph(f"{left} of {images.images} images could not be scored; the last section says why.", "bad")
@@ -543,11 +508,10 @@ def _measured(run: StoredRun, charts: Mapping[str, figures.Chart]) -> Iterator[G
     section = partial(Group, look="section")
     metrics, summary = run.metrics, run.summary
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
-    tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
     yield section(name="splits", title="Broken down", blocks=[
         Paragraph("The same object-frames sorted in other ways, to see where the method fails. Bins are half-open: "
-                  "[2, 4) holds 2 but not 4. Bars: the line across is the 95 % interval. “Lowest” marks the smallest "
-                  "IoU of a table where its interval lies wholly below that of another row."), *tables])  # fmt: skip
+                  "[2, 4) holds 2 but not 4. Bars: the line across is the 95 % interval. The lowest of many rows may be "
+                  "lowest by chance."), *breakdown_tables(metrics)])  # fmt: skip
     by_recording = _recording_table(run)
     yield section(name="recordings", title="By recording", blocks=[
         Paragraph("Where to look first: a name shows its object-frames in the table below."), by_recording,

@@ -98,7 +98,7 @@ def banded_frame() -> ReferenceFrame:
 
 
 def segmentation(reference: ReferenceFrame, *, parts: bool = True) -> Segmentation:
-    """Of a drive ahead: flow to the previous image points up below the horizon; moving cells deviate, and a few more."""
+    """Of a drive ahead: flow to the image before points up below the horizon; moving cells deviate, and some others."""
     height, width = reference.labels.shape
     v, u = np.mgrid[2:height:CELL_PX, 2:width:CELL_PX].astype(np.float32)
     objects = reference.labels[2::CELL_PX, 2::CELL_PX] > 0
