@@ -510,7 +510,7 @@ def _measured(run: StoredRun, charts: Mapping[str, figures.Chart]) -> Iterator[G
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
     yield section(name="splits", title="Broken down", blocks=[
         Paragraph("The same object-frames sorted in other ways, to see where the method fails. Bins are half-open: "
-                  "[2, 4) holds 2 but not 4. Bars: the line across is the 95 % interval. The lowest of many rows may be "
+                  "[2, 4) holds 2 but not 4. The line across a bar is the 95 % interval. Of many rows one may be "
                   "lowest by chance."), *breakdown_tables(metrics)])  # fmt: skip
     by_recording = _recording_table(run)
     yield section(name="recordings", title="By recording", blocks=[
