@@ -28,6 +28,7 @@ from bench.evaluation.protocol import Protocol, known_protocols
 from bench.gate.tolerances import Override, Tolerance, Tolerances, known_tolerances
 from bench.harness.manifest import Manifest
 from bench.harness.stored import RunSummary
+from bench.recordings.annotations import AnnotationFile
 from bench.recordings.cards import CardFile
 from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.native import NativeOptions, RecordingHead
@@ -107,6 +108,7 @@ def _rules(model: type[BaseModel], known: Callable[[], Iterable[str]]) -> Schema
 SCHEMAS: dict[str, Callable[[], Schema]] = {
     "card": _card,
     "recording": partial(_file, RecordingHead),
+    "annotations": partial(_file, AnnotationFile),
     "rig": partial(_file, Rig),
     "protocol": partial(_rules, Protocol, known_protocols),
     "tolerances": partial(_rules, Tolerances, known_tolerances),

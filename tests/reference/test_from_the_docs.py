@@ -181,7 +181,7 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     leave = Prism.around(shape).ways_m(points, rays)[1]
     swept = [
         np.array([one, other, other + way, one + way])
-        for k in np.flatnonzero((grid.neighbours < 0).any(axis=0))
+        for k in np.flatnonzero(~grid.linked.all(axis=0))
         for way in [max(leave[k], 0.0) * rays[k]]
         for one, other in (lines[k][[3, 1]], lines[k][[0, 2]])
     ]

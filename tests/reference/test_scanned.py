@@ -246,3 +246,25 @@ def test_sweeps_of_two_lidars_in_one_are_certain_of_less_but_not_wrong(apart_m: 
     for _, outside, left_out in (vehicle, pedestrian):
         assert outside == 0.0
         assert left_out < 0.02
+
+
+def test_the_underside_of_a_floor_that_only_the_camera_sees_is_unknown():
+    """A flank 6 m ahead ends 1.2 m above the road; below it the lidar meets a recess 1.5 m deeper, without a gap
+    between rows. The camera is lower than the lidar: below the edge it sees the floor.
+    """
+    wall, _ = wall_recording(width_m=2.0, away_m=6.0)
+    points, box = wall.sweeps[0].read().points_lidar, wall.tracks[0].states[0].shape
+    ahead_m, _, height_m = wall.vehicle_from_lidar.apply(points).T
+    starts_m = wall.vehicle_from_lidar.translation_m[0]
+    deeper = (height_m < 1.2) & (np.abs(ahead_m - 6.0) < 0.01)
+    recessed = np.where(deeper[:, None], points * (7.5 - starts_m) / (6.0 - starts_m), points)
+    middle = RigidTransform(np.eye(3), np.array([0.8, 0.0, 0.0]))
+    long = replace(
+        box,
+        size_m=box.size_m + np.array([1.6, 0.0, 0.0]),
+        vehicle_from_object=middle @ box.vehicle_from_object,
+    )
+    frame = reference_of(with_state(with_points(wall, recessed), shape=long), SURFACE)
+    floor = upright_area(shapely.box(-0.2, 1.14, 1.0, 1.18), 6.0)
+    assert floor.sum() > 40
+    assert frame.unknown[floor].mean() > 0.95
