@@ -370,8 +370,7 @@ def print_runs(first: Run) -> int:
         return console.FAILURES
     for run in runs:
         summary, manifest = run.summary, run.manifest
-        warnings = (run_tables.nothing_scored(summary), run_tables.odd_masks(run.stored), *manifest.dataset.same_data)
-        for warning in filter(None, warnings):
+        for warning in filter(None, (run_tables.nothing_scored(summary), run_tables.odd_masks(run.stored))):
             console.say(warning, style="bold red")
         purpose = PURPOSES.get(manifest.protocol.name)
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"

@@ -328,16 +328,6 @@ def test_code_of_a_method_that_changed_is_named(tiny_card, tmp_path, monkeypatch
         score(tiny_card, tmp_path / "run", method=method)
 
 
-def test_the_same_drive_under_two_names_is_told(own_card, tmp_path):
-    data = own_card.parent / "data" / "tiny"
-    shutil.copytree(data / "crossing", data / "crossing-again")
-    text = (data / "crossing-again" / "recording.json").read_text()
-    (data / "crossing-again" / "recording.json").write_text(text.replace('"crossing"', '"crossing-again"'))
-    own_card.write_text("\n".join(line for line in own_card.read_text().splitlines() if "scenario" not in line))
-    told = score(own_card, tmp_path / "run", method="nothing").caveats
-    assert "Recordings 'crossing', 'crossing-again' hold the same data" in told
-
-
 # ---- in parts, in processes
 
 
