@@ -9,10 +9,8 @@ from __future__ import annotations
 import ctypes
 import logging
 import os
-import pickle
 import signal
 import sys
-import traceback
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -326,18 +324,12 @@ class _Pool:
 
 
 def _in_worker(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task in the folder in which the run was started; what it raises can travel."""
+    """Compute a task in the folder in which the run was started."""
     try:
         with chdir(folder):
             return function(task)
-    except SystemExit as error:
+    except SystemExit as error:  # it would end the process that waits for the result
         raise RuntimeError(f"a task called sys.exit({error.code!r})") from error
-    except Exception as error:
-        try:
-            pickle.loads(pickle.dumps(error))
-        except Exception:  # noqa: BLE001 - whatever its class does when it is pickled
-            raise RuntimeError("".join(traceback.format_exception(error))) from None
-        raise
 
 
 def _start_worker(pipe: Connection, safe_path: str | None) -> None:

@@ -71,13 +71,6 @@ def test_an_exception_tells_where_in_the_worker_it_arose():
     assert "jobs.py" in str(raised.value.__cause__)
 
 
-@pytest.mark.parametrize("work", [jobs.fail_unsendably, jobs.answer_unsendably])
-def test_what_cannot_travel_is_told(work):
-    with pytest.raises((RuntimeError, TypeError)) as raised:
-        list(ProcessExecutor(workers=1).compute(work, [1]))
-    assert "Unsendable" in str(raised.value) or "pickle" in str(raised.value)
-
-
 def test_a_task_that_leaves_does_not_end_this_process():
     with pytest.raises(RuntimeError, match=r"sys.exit\(7\)"):
         list(ProcessExecutor(workers=1).compute(jobs.leave, [1]))

@@ -3,6 +3,7 @@
 import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -27,6 +28,7 @@ from bench.harness.answers import (
     segmentation_of,
     write_answers,
 )
+from bench.harness.datasets import StoredFrames
 from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
 from bench.harness.references import evict_cache, find_references, reference_of, reference_row
@@ -45,6 +47,7 @@ from tests.support.changed_data import (
     remove_image,
 )
 from tests.support.runs import IMAGES, PAPER, bytes_of, score
+from tests.support.stored_files import change_manifest
 
 CHANGES = [change_image, change_sweep, change_annotation, change_egomotion, change_calibration, remove_image]
 SURFACE = load_protocol("surface-v1")
@@ -280,6 +283,18 @@ def test_other_rules_under_the_same_name_are_refused(stored, tiny_card, tmp_path
     with pytest.raises(DataError, match="protocol paper-v1 version 2"):
         score(tiny_card, tmp_path / "run", protocol=other)
     assert score(tiny_card, tmp_path / "run", protocol=other, overwrite=True).provenance.images_asked == 0
+
+
+def test_pictures_of_a_run_find_the_data_that_ship_wherever_they_are_drawn(stored, tiny_card, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tiny_card.parent)
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(stored, tmp_path / "run")
+    image = read_run(Path("run")).frames.read(["crossing"], ["recording", "camera", "timestamp_ns"]).iloc[1].tolist()
+    change_manifest(Path("run"), lambda content: content["dataset"].update(card="datasets/tiny.yaml"))
+    assert StoredFrames(read_run(Path("run"))).process(*image).segmentation.mask.any()
+    change_manifest(Path("run"), lambda content: content["dataset"].update(name="ours", card="datasets/ours.yaml"))
+    with pytest.raises(DataError, match=r"datasets/ours\.yaml: expected a readable card"):
+        StoredFrames(read_run(Path("run")))
 
 
 def test_a_folder_that_is_no_run_is_refused_and_stays_as_it_is(tiny_card, tmp_path):
