@@ -276,7 +276,7 @@ class FuturesExecutor(TaskExecutor):
 
     def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Give each task back once with its result, as `TaskExecutor.compute` says."""
-        call = partial(_in_cluster, Path.cwd(), function)
+        call = partial(_in_worker, Path.cwd(), function)
         futures = {self.pool.submit(call, task): task for task in tasks}
         try:
             while futures:
@@ -323,10 +323,13 @@ class _Pool:
         self._theirs.close()
 
 
+_alone = Lock()  # in a worker whose threads share what a task holds
+
+
 def _in_worker(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task in the folder in which the run was started."""
+    """Compute a task in another process, in the folder in which the run was started."""
     try:
-        with chdir(folder):
+        with _alone, chdir(folder), single_threaded():
             return function(task)
     except SystemExit as error:  # it would end the process that waits for the result
         raise RuntimeError(f"a task called sys.exit({error.code!r})") from error
@@ -373,15 +376,6 @@ def _starting() -> Iterator[None]:
             signal.signal(signal.SIGINT, handler)
         if interrupts:
             signal.raise_signal(signal.SIGINT)
-
-
-_alone = Lock()  # in a worker whose threads share what a task holds
-
-
-def _in_cluster(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task on a worker of another engine, in the folder in which the run was started."""
-    with _alone, chdir(folder), single_threaded():
-        return function(task)
 
 
 @contextmanager

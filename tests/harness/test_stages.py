@@ -31,8 +31,9 @@ from bench.harness.answers import (
 from bench.harness.datasets import StoredFrames
 from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
+from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
 from bench.harness.references import evict_cache, find_references, reference_of, reference_row
-from bench.harness.tasks import cut_tasks
+from bench.harness.tasks import cut_tasks, plan_recording, process_task
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
@@ -344,6 +345,16 @@ def test_code_of_a_method_that_changed_is_named(tiny_card, tmp_path, monkeypatch
 
 
 # ---- in parts, in processes
+
+
+def test_a_worker_with_other_code_than_the_run_began_with_is_refused(tiny_card, tmp_path):
+    asked = request(tiny_card, tmp_path / "run")
+    (task, *_) = plan_recording(asked.method, asked.recordings()[0]).tasks
+    code = CodeOfRun.here().model_copy(update={"libraries": {"numpy": "0.1"}, "commit": "c0ffee"})
+    dataset = DatasetOfRun(name="tiny", card="tiny", split=None)
+    began = AnswersManifest(dataset=dataset, method=MethodOfRun.of(asked.method), code=code).by(PAPER)
+    with pytest.raises(DataError, match=r"the code that the run began with, got .*numpy \S+, was 0\.1"):
+        process_task(asked, began, task)
 
 
 def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path):
