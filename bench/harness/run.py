@@ -58,32 +58,20 @@ REPLACE = "give another folder with --out, or replace what is there with --overw
 Finish = Callable[[StoredRun], object]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """A part of a run: every `count`-th task, from the `number`-th on. A run in one piece is part 1 of 1.
+Part = tuple[int, int]  # number, from 1, and count: every `count`-th task of a run, from the `number`-th on
+WHOLE: Part = (1, 1)
 
-    Attributes:
-        number: from 1.
-        count: of parts.
+
+def parse_part(text: str) -> Part:
+    """The part of a run that "2/8" names.
+
+    Raises:
+        UsageError: anything else.
     """
-
-    number: int = 1
-    count: int = 1
-
-    def __str__(self) -> str:
-        return f"{self.number}/{self.count}"
-
-    @classmethod
-    def parse(cls, text: str) -> Part:
-        """From "2/8".
-
-        Raises:
-            UsageError: anything else.
-        """
-        numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
-        if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
-            raise UsageError(f"--shard: expected I/N with I from 1 to N, for example 2/8, got {text!r}")
-        return cls(number=int(numbers[1]), count=int(numbers[2]))
+    numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+    if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+        raise UsageError(f"--shard: expected I/N with I from 1 to N, for example 2/8, got {text!r}")
+    return int(numbers[1]), int(numbers[2])
 
 
 def run_benchmark(
@@ -114,7 +102,7 @@ def run_benchmark(
             that is no run or is in use by another one, or there is no space for the results.
         UsageError: the method cannot be copied for each task, or other processes cannot import it.
     """
-    with _scored(request, Part(), executor, progress) as scored:
+    with _scored(request, WHOLE, executor, progress) as scored:
         stored = []
         for results, protocol in request.results.items():
             stored.append(_write_results(results, protocol, request, scored))
@@ -187,7 +175,7 @@ class ScoredPart:
 @contextmanager
 def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: Progress | None) -> Iterator[ScoredPart]:
     """Hold the folder of a run and take a part of its tasks through all stages."""
-    start_s, handles, alone = perf_counter(), request.recordings(), part.count == 1  # before anything is written
+    start_s, handles, alone = perf_counter(), request.recordings(), part == WHOLE  # before anything is written
     own_copy(request.method)
     method = MethodOfRun.of(request.method, asked=request.settings)
     if not (method.is_identified or isinstance(executor, SerialExecutor)):
@@ -204,7 +192,7 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         manifest = _begin(request, method, recordings)
         tasks = [task for recording in recordings for task in recording.tasks]
         try:
-            outcomes = _process(request, manifest, tasks[part.number - 1 :: part.count], executor, progress)
+            outcomes = _process(request, manifest, tasks[part[0] - 1 :: part[1]], executor, progress)
         finally:
             if alone:  # a worker, or a run before, may have been killed while it wrote, and nobody else writes here
                 _remove(*(entry for entry in request.folder.rglob(".*") if is_temporary(entry.name)))

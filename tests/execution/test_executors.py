@@ -11,8 +11,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from distributed import LocalCluster
 
-from bench.execution import FailedTask, ProcessExecutor, SerialExecutor
+from bench.errors import DataError
+from bench.execution import FailedTask, ProcessExecutor, SerialExecutor, dask_executor
 from tests.execution import jobs
 from tests.support.processes import PATIENCE_S, alive, group_lives, pids, until
 
@@ -136,6 +138,19 @@ def test_a_pool_that_a_task_leaves_open_keeps_nobody_waiting(tmp_path):
         with suppress(ProcessLookupError):
             os.killpg(program.pid, signal.SIGKILL)
         program.communicate()
+
+
+def test_a_dask_cluster_computes_the_same(monkeypatch):
+    with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0") as cluster:
+        executor = dask_executor(cluster.scheduler_address)
+        assert executor.workers == 1
+        assert dict(executor.compute(jobs.squared, NUMBERS)) == SQUARES
+        with pytest.raises(ValueError, match="three"):
+            list(executor.compute(jobs.fail, NUMBERS))
+    with pytest.raises(
+        DataError, match=r"expected a Dask scheduler, got none within .*start one with `dask scheduler`"
+    ):
+        dask_executor("tcp://127.0.0.1:1")
 
 
 def test_every_library_keeps_to_one_thread():

@@ -15,7 +15,7 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.execution import ProcessExecutor
-from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
+from bench.harness import RunRequest, build_scorable, parse_part, read_run, run_benchmark, score_part
 from bench.harness.answers import (
     FAILED,
     answer_row,
@@ -360,7 +360,7 @@ def test_a_worker_with_other_code_than_the_run_began_with_is_refused(tiny_card, 
 def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path):
     score(tiny_card, tmp_path / "whole", method="everything")
     asked = request(tiny_card, tmp_path / "run", method="everything")
-    first, second = (score_part(asked, Part(number=number, count=2)) for number in (1, 2))
+    first, second = (score_part(asked, parse_part(text)) for text in ("1/2", "2/2"))
     assert (len(first.tasks), len(second.tasks), first.tasks_of_run) == (2, 1, 3)
     (run,) = run_benchmark(asked)
     assert run.summary.provenance.images_asked == 0
@@ -370,7 +370,7 @@ def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path)
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0", "-1/2"])
 def test_a_part_that_is_none_is_refused(text):
     with pytest.raises(UsageError, match="--shard: expected I/N"):
-        Part.parse(text)
+        parse_part(text)
 
 
 @pytest.mark.slow
