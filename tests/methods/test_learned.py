@@ -128,6 +128,8 @@ TRAINED_ON = {
     "misfit": (126.2, 7.9),
     "texture": (202.8, 12.4),
     "road_seen": (144.6, 16.0),
+    "inverse_depth": (185.8, 37.2),
+    "from_road": (141.0, 12.9),
     "earlier_road_difference": (128.1, 20.6),
     "earlier_static_difference": (128.0, 11.3),
     "fine_earlier_road_difference": (128.1, 27.7),
