@@ -254,7 +254,8 @@ def test_recordings_are_set_beside_each_other(folders, tmp_path):
         assert line.split(" | ")[1:7] == expected
 
 
-def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_path):
+def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tmp_path)  # in which there is no card
     comparisons, _ = write_comparison(folders, tmp_path)
     assert not (tmp_path / "pictures").exists()
     remarks = [comparison.remarks for comparison in comparisons]
