@@ -117,7 +117,7 @@ def test_control_characters_are_shown_wherever_a_page_has_them():
 @pytest.mark.usefixtures("without_charts")
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    change_manifest(run, lambda content: content["dataset"].update(card=str(tmp_path / "gone.yaml")))
+    change_manifest(run, lambda content: content["dataset"].update(name="gone", card=str(tmp_path / "gone.yaml")))
     page = write_page(run)
     text = page.file.read_text()
     assert len(page.problems) == 1
