@@ -25,7 +25,7 @@ from bench.evaluation.counts import BINS
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, open_tables, read_run
-from bench.harness.counts import counts_folder, write_counts
+from bench.harness.counts import write_counts
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
@@ -53,7 +53,7 @@ def write_run_tables(folder: Path, *, object_frames: int, method_seed: int) -> N
         tables = _objects(name, frames, reference, method), pa.table(frames, schema=FRAMES_SCHEMA)
         for camera in CAMERAS:
             own = [table.filter(pc.field("camera") == camera) for table in tables]
-            write_counts(counts_folder(folder, name), f"{camera}-00000000", *own)
+            write_counts(folder, f"{name}/{camera}-00000000", *own)
 
 
 def _frames(name: str, images: int, reference: np.random.Generator, method: np.random.Generator) -> dict[str, object]:
