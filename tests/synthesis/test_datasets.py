@@ -1,7 +1,5 @@
 """Shipped scenarios: what the paper's holds, and that what is trained or tried on is never scored."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable
