@@ -1,8 +1,9 @@
-"""The documentation: links that lead somewhere, commands that exist, code that compiles."""
+"""The documentation: links that lead somewhere, commands that exist, code that runs, a site that browsers show."""
 
 import importlib.util
 import json
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import bench
+from tests.support.browser import accessibility_faults, headless_chromium, opened
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = (".", "datasets", "annotations", "reports", "docs", "reports/studies")
@@ -204,3 +206,31 @@ def test_the_class_of_the_page_is_scored(tiny_data, monkeypatch):
     run = bench.run("tiny", "my_method:FrameDifference", settings={"threshold": 20.0}, out="run", pictures=False)
     assert (run.manifest.method.name, run.summary.images.evaluated) == ("my-frame-difference", 12)
     sys.modules.pop("my_method")
+
+
+@pytest.fixture(scope="module")
+def site_pages(tmp_path_factory):
+    """All pages of the site but that of the theme for addresses that do not exist."""
+    site = tmp_path_factory.mktemp("site")
+    build = ["-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(site)]
+    subprocess.run([sys.executable, *build], cwd=ROOT, check=True, capture_output=True)
+    return sorted(page for page in site.rglob("*.html") if page.name != "404.html")
+
+
+@pytest.mark.slow
+def test_no_page_needs_the_network(site_pages):
+    for page in site_pages:
+        assert not re.findall(r"<(?:script|img|link)[^>]*(?:src|href)=.?(?:https?:)?//", page.read_text("utf-8")), page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
+def test_every_page_is_accessible_and_as_wide_as_the_window(site_pages, tmp_path, width, scheme):
+    faults = []
+    with headless_chromium(tmp_path) as browser:
+        for page in site_pages:
+            opened(browser, page, width=width, scheme=scheme)
+            needed_px = browser.execute_script("return document.documentElement.scrollWidth")
+            faults += [f"{page.name}: {fault}" for fault in accessibility_faults(browser)]
+            faults += [f"{page.name}: {needed_px} px wide"] * (needed_px > width)
+    assert (len(site_pages) > 20, faults) == (True, [])

@@ -1,4 +1,4 @@
-"""The wheel: what it holds, and that its cards are found from any folder while their data go elsewhere."""
+"""The wheel finds its cards from any folder, while their data go elsewhere; statements about the project agree."""
 
 import os
 import subprocess
@@ -8,16 +8,24 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.specifiers import SpecifierSet
+from typer.testing import CliRunner
+
+import bench
+from bench.commands.app import DOCUMENTATION, app
+from bench.evaluation import published
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = """
 import os, sys
 from bench.recordings import load_card
+from bench.recordings.cards import shipped_folder
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
 assert card.address == "demo", "the same on each machine"
+assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"
 print(card.root)
@@ -66,3 +74,26 @@ def test_the_versions_of_python_that_ci_tries_are_promised_and_no_others():
     assert f"python: {str(tried).replace(chr(39), chr(34))}" in (ROOT / ".github/workflows/ci.yml").read_text()
     assert [*promised.filter(["3.10.9", *(f"{version}.0" for version in tried), "3.15.0"])] == [f"{v}.0" for v in tried]
     assert all(f"Programming Language :: Python :: {version}" in project["classifiers"] for version in tried)
+
+
+def test_the_file_for_code_hosts_names_the_paper_and_this_version():
+    stated = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    paper = stated["preferred-citation"]
+    assert (paper["title"], paper["year"], stated["version"]) == (published.TITLE, published.YEAR, bench.__version__)
+    assert tuple((author["family-names"], author["given-names"]) for author in paper["authors"]) == published.AUTHORS
+
+
+def test_everything_names_one_repository():
+    urls = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]
+    home = urls["Homepage"]
+    assert all(url.startswith(home) for url in urls.values())
+    assert urls["Documentation"] == DOCUMENTATION
+    assert f"Documentation: {DOCUMENTATION}" in CliRunner().invoke(app, ["--help"]).output.replace("\n", " ")
+    for name in ("CITATION.cff", "mkdocs.yml", "docs/results.md", "docs/gate.md", "CONTRIBUTING.md"):
+        assert home.removeprefix("https://github.com/") in (ROOT / name).read_text("utf-8"), name
+
+
+def test_the_bibtex_names_the_same():
+    page = (ROOT / "docs/results.md").read_text("utf-8")
+    version = f"Version {bench.__version__}, Apache License 2.0"
+    assert all(part in page for part in (f"{{{{{published.TITLE}}}}}", f"year = {{{published.YEAR}}}", version))
