@@ -9,24 +9,14 @@ from bench.annotation.formats import label_format
 from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
 from bench.recordings import read_annotations
 from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.commands import call, error_line
-
-CARD = """
-name: mine
-title: one drive
-adapter: native
-root: data
-licence: CC0-1.0
-{more}
-"""
 
 
 @pytest.fixture
 def card(tmp_path):
     tiny.write_recording(tmp_path / "datasets/data/drive")
-    file = tmp_path / "datasets/mine.yaml"
-    file.write_text(CARD.format(more=""))
-    return file
+    return write_card(tmp_path / "datasets")
 
 
 def words(card, *more):
@@ -63,7 +53,7 @@ def test_what_is_exported_is_imported_and_used(monkeypatch, capsys, card, tmp_pa
     found = {track.track_id: track for track in read_annotations(folder / "drive.json")}
     assert len(found["van"].states) == 3
     assert np.isfinite([state.velocity_mps for state in found["van"].states]).all()
-    card.write_text(CARD.format(more="annotations: ../annotations"))
+    write_card(card.parent, annotations="../annotations")
     assert call(monkeypatch, "annotate", "import", name, source, *words(card)) == 0
     assert "give the card" not in capsys.readouterr().out
 
