@@ -13,7 +13,7 @@ from bench.methods.registry import build_method
 from bench.recordings import open_native, read_truth
 from bench.reference import visible_region
 from bench.reference.exposure import Exposure
-from bench.reporting.frame import SweepViewer
+from bench.reporting.frame_pictures import SweepViewer
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.ego import mounted_rig, own_body
 from bench.synthesis.exact_flow import ExactFlowCaster

@@ -38,14 +38,12 @@ def report(run: NamedRun, *, out: Place = None, pictures: Flag = True, progress:
     Examples:
         fisheye-bench report reports/runs/demo-spherical
     """
-    from bench.reporting.figures import write_figures
     from bench.reporting.run_page import write_page
 
-    folder = run_folder(run)
+    place = None if out is None else Path(out)
     with progress_bar("drawing frames", "pictures", progress) as drawn:
-        page = write_page(folder, out=None if out is None else Path(out), pictures=pictures, progress=drawn)
-    files = (page.file, *write_figures(folder))
-    return RunPage(files=files, problems=page.problems)
+        files, problems = write_page(run_folder(run), out=place, pictures=pictures, progress=drawn)
+    return RunPage(files=files, problems=problems)
 
 
 def show(page: RunPage) -> None:

@@ -84,8 +84,8 @@ def view(
     from bench.evaluation import load_protocol
     from bench.harness import FramePipeline, build_scorable
     from bench.harness.frames import InputOnly
-    from bench.reporting.film import refuse_other_files, write_calibration, write_film
     from bench.reporting.formats import file_name, made_by
+    from bench.reporting.frame_pictures import refuse_other_files, write_calibration, write_film
 
     # mistakes are told before anything is rendered
     if settings and not isinstance(method, str):

@@ -178,9 +178,19 @@ class Verdict:
         """The checks that fail the gate."""
         return tuple(check for check in self.checks if check.outcome is Outcome.FAILED)
 
+    @property
+    def told_rows(self) -> tuple[Row, ...]:
+        """The rows, but for a kind of motion that all objects have: they are those of all moving objects once more."""
+        whole = {_numbers(row) for row in self.rows if row.slice_name == ALL_MOVING}
+        return tuple(
+            row
+            for row in self.rows
+            if row.slice_name == ALL_MOVING or is_overlapping(row) or _numbers(row) not in whole
+        )
+
     def rows_with(self, outcome: Outcome) -> tuple[Row, ...]:
-        """Rows of one outcome, the worst first."""
-        return tuple(sorted((row for row in self.rows if row.outcome is outcome), key=_worst_first))
+        """Those of `told_rows` of one outcome, the worst first."""
+        return tuple(sorted((row for row in self.told_rows if row.outcome is outcome), key=_worst_first))
 
     @property
     def headline(self) -> str:
@@ -192,6 +202,11 @@ class Verdict:
             parts.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
         result = "passed" if self.passed else "FAILED" if self.judged else "WITHOUT A VERDICT"
         return f"gate {result}: {', '.join(parts) or 'nothing to compare'}"
+
+
+def _numbers(row: Row) -> tuple[str, Outcome, float, float, int, int]:
+    """What two rows of the same object-frames have in common; by tolerances of its own one may have another outcome."""
+    return row.metric, row.outcome, row.before, row.after, row.cases_before, row.cases_after
 
 
 def _worst_first(row: Row) -> tuple[float, bool, str, str]:

@@ -10,8 +10,8 @@ equal input gives equal bytes.
 - `run_tables` (a run in tables and lines, and a sweep), `run_page` (its page, with the worst cases);
 - `compare` (runs against each other), `leaderboard` (all runs of a folder), `verdict` (of the gate);
 - `findings` (what is wrong with data, predictions and proposals), `audit` (its tables and pictures);
-- `frame` (the one drawing of an image, as one or several methods were scored on it), `frame_pictures` (what a method
-  saw, lidar clusters, the frames that show a run), `film` (video, log, calibration).
+- `frame` (the one drawing of an image, as one or several methods were scored on it; panels, clusters),
+  `frame_pictures` (what is drawn of drives and runs: pictures, video, log, calibration).
 
 Images are (H, W) grey or (H, W, 3) BGR uint8, pixels (u, v) with the centre of the first pixel at (0, 0). Pictures of
 the ground are in the vehicle frame, x forward up and y left to the left.

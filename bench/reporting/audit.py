@@ -145,7 +145,7 @@ def score_table(audit: AuditSummary) -> Table:
 
 
 def _interval(metric: Metric) -> str:
-    return f"{hundredths(metric.value)} {short_interval(metric)}".rstrip()
+    return f"{hundredths(metric.value)} {short_interval(metric.ci95)}".rstrip()
 
 
 # Each cause with its name and its colour in pictures.

@@ -72,55 +72,37 @@ def differing_settings(manifests: Sequence[Manifest], *, hidden: Collection[str]
     return differing
 
 
-def name_method(name: str, settings: Mapping[str, object]) -> str:
-    """For example "spherical (flow=dis, weights.anti_parallel=0)", settings as `--set` takes them."""
-    text = ", ".join(f"{setting}={value}" for setting, value in settings.items())
-    return f"{name} ({text})" if text else name
-
-
 # Of the images of each run of a table, so many must be common: one run that scored a few would else shrink it for all.
 LEAST_COMMON = 0.5
 
 
 def reference_of(run: StoredRun) -> str:
-    """Digest of the reference of a run, on all its images."""
-    return str(run.manifest.reference)
+    """Digest of the reference of a run, on all its images or on those that were chosen."""
+    return str(run.manifest.reference) if run.images is None else reference_digest(run.objects, run.frames)
 
 
-def common_images(runs: Sequence[StoredRun]) -> CommonImages:
-    """The images that all runs scored; those of the same reference scored the same."""
-    return CommonImages(list({reference_of(run): run.frames for run in runs}.values()))
-
-
-def on_common_images(runs: Sequence[StoredRun]) -> tuple[list[StoredRun], str]:
+def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
     """Restrict runs that compare to the images that all of them scored: their rows, summed again; not their summary.
 
-    Returns:
-        runs: on these images.
-        reference: digest of the first's reference on these images.
+    Runs of the same reference scored the same images, and stay as they are.
     """
-    if len({reference_of(run) for run in runs}) == 1:
-        return list(runs), reference_of(runs[0])
-    images = common_images(runs)
-    return [replace(run, images=images) for run in runs], _digest(runs[0], images)
+    frames = {reference_of(run): run.frames for run in runs}
+    images = CommonImages(list(frames.values())) if len(frames) > 1 else None
+    return [replace(run, images=images) for run in runs]
 
 
 def in_one_table(runs: Sequence[StoredRun], other: StoredRun) -> bool:
     """Whether a run stands in one table with others: enough images in common, and the same reference on them."""
     if any(reference_of(run) == reference_of(other) for run in runs):
         return True
-    images = common_images([*runs, other])
+    first, *_, last = on_common_images([*runs, other])
     scored = max(run.summary.images.evaluated for run in (*runs, other))
-    return images.count() >= max(LEAST_COMMON * scored, 1) and _digest(runs[0], images) == _digest(other, images)
+    enough = first.images is not None and first.images.count() >= max(LEAST_COMMON * scored, 1)
+    return enough and reference_of(first) == reference_of(last)
 
 
-def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun, int]:
+def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun]:
     """Restrict two runs of the same data and protocol to the images that both scored.
-
-    Returns:
-        before: on these images.
-        after: on these images.
-        common: how many images both scored.
 
     Raises:
         DataError: a table is damaged.
@@ -128,26 +110,18 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
     """
     for run in (before, after):
         refuse_unscored(run.summary, run.folder)
-    common = before.summary.images.evaluated
-    if reference_of(before) != reference_of(after):
-        images = common_images([before, after])
-        refused, common = f"{before.folder} and {after.folder} do not compare: ", images.count()
+    first, second = on_common_images([before, after])
+    if first.images is not None:
+        refused, common = f"{before.folder} and {after.folder} do not compare: ", first.images.count()
         if not common:
             scored = [run.summary.images.evaluated for run in (before, after)]
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
-        if _digest(before, images) != _digest(after, images):
+        if reference_of(first) != reference_of(second):
             raise UsageError(
                 f"{refused}their references differ on the {common} images that both scored: annotations, other data or "
                 "the code that builds references changed; run both again, on the same data with one version"
             )
-    (before, after), _ = on_common_images([before, after])
-    return before, after, common
-
-
-def _digest(run: StoredRun, images: CommonImages) -> str:
-    """Of the reference on some images of a run."""
-    on_images = replace(run, images=images)
-    return reference_digest(on_images.objects, on_images.frames)
+    return first, second
 
 
 class Shown(StrEnum):
@@ -239,8 +213,8 @@ class Kind(StrEnum):
 
 
 # Columns of the frames that changed: `track_id` and `category` missing and `what`, the object in words, empty for false
-# positives; in both runs the coverage of the object, or the false-positive coverage of the image, and the object's IoU.
-CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after", "iou_before", "iou_after"]
+# positives; in both runs the coverage of the object, or the false-positive coverage of the image.
+CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after"]
 
 
 def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -359,24 +333,30 @@ def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
 
 
 def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
-    before, after, common = pair_on_common_images(first, other)
-    images = (before.summary.images.evaluated, after.summary.images.evaluated, common)
-    detections, objects = changed_objects(before, after)
+    before, after = pair_on_common_images(first, other)
     manifests = [before.manifest, after.manifest]
-    names = [
-        name_method(manifest.method.name, own)
+    methods = [
+        _called(manifest.method.name, own)
         for manifest, own in zip(manifests, differing_settings(manifests), strict=True)
     ]
+    images = (before.summary.images.evaluated, after.summary.images.evaluated, before.metrics.images.evaluated)
+    detections, objects = changed_objects(before, after)
     return RunComparison(
         before=before,
         after=after,
         images=images,
-        methods=(names[0], names[1]),
+        methods=(methods[0], methods[1]),
         changes=metric_changes(before, after),
         detections=detections,
         frames=pd.concat([objects, changed_images(before, after)], ignore_index=True),
         notes=_notes(before, after, images),
     )
+
+
+def _called(method: str, settings: Mapping[str, object]) -> str:
+    """For example "spherical (flow=dis, weights.anti_parallel=0)", settings as `--set` takes them."""
+    text = ", ".join(f"{setting}={value}" for setting, value in settings.items())
+    return f"{method} ({text})" if text else method
 
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:
@@ -531,6 +511,7 @@ def _detection_table(comparison: RunComparison) -> Table:
         title=f"Object-frames gained and lost: found by {formats.found_by(comparison.before.protocol)}",
         columns=["Type", "Object-frames", "detected before", "after", "newly detected", "newly missed"],
         rows=comparison.detections.rename(index=formats.LABELS).reset_index(),
+        note=formats.CORE if formats.found_level(comparison.before.protocol) else "",
     )
 
 
@@ -592,7 +573,6 @@ def _numbers(comparison: RunComparison) -> pd.DataFrame:
 
 
 PICTURED = 2  # frames of each kind
-QUALITY = 90  # of JPEG; as PNG a picture takes 2 MB
 _PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
@@ -618,30 +598,21 @@ def _draw_changed_frames(
     for ordinal, frame in enumerate(largest, start=1):
         name = f"{number:02d}-{ordinal:02d}-{frame['kind'].replace(' ', '-')}.jpg"
         chosen.setdefault((frame["recording"], frame["camera"], frame["timestamp_ns"]), {})[name] = frame
+    runs = (comparison.before, comparison.after)
     labels = [
         run.label if method == run.label else f"{run.label}: {method}"
-        for run, method in zip((comparison.before, comparison.after), comparison.methods, strict=True)
+        for run, method in zip(runs, comparison.methods, strict=True)
     ]
 
     def draw(
         key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline
     ) -> dict[str, Mapping[Any, Any]]:
         for name, frame in chosen[key].items():
-            sides = [
-                scored_layers(
-                    processed,
-                    label=label,
-                    note=f"coverage {formats.percent(frame[run])}, IoU {formats.percent(frame[f'iou_{run}'])}"
-                    if frame["what"]
-                    else "",
-                )
-                for processed, label, run in zip(both, labels, ("before", "after"), strict=True)
-            ]
-            figure = draw_frames(sides, name=formats.image_name(*key), title=_headline(frame))
-            write_bytes(folder / name, figures.jpeg_bytes(figure, quality=QUALITY))
+            layers = [scored_layers(processed, label=label) for processed, label in zip(both, labels, strict=True)]
+            figure = draw_frames(layers, name=formats.image_name(*key), title=_headline(frame))
+            write_bytes(folder / name, figures.jpeg_bytes(figure))
         return chosen[key]
 
-    runs = (comparison.before, comparison.after)
     drawn, problems = frame_pictures.draw_images(runs, chosen, draw, progress=progress)
     pictures = {name: frame for of_image in drawn.values() for name, frame in of_image.items()}
     remarks = tuple(f"no picture: {problem}" for problem in problems)

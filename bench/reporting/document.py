@@ -175,10 +175,9 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A chart drawn in lines, on pages alone: an `<svg>` of our own making, and a line below."""
+    """A chart drawn in lines, on pages alone: an `<svg>` of our own making."""
 
     svg: Markup
-    caption: str = ""
 
 
 Look = Literal["section", "folded", "box", "charts", "pairs", "boxes", ""]
@@ -194,7 +193,6 @@ class Group:
         look: on a page: "section" folds on a phone and is in the navigation, "folded" opens by its title, "box" has a
             frame, "charts", "pairs" and "boxes" stand side by side.
         name: to which links lead.
-        count: behind the title of a section.
         tags: by which a page's filters find it.
     """
 
@@ -202,7 +200,6 @@ class Group:
     title: str = ""
     look: Look = ""
     name: str = ""
-    count: str = ""
     tags: Tags = field(default_factory=dict)
 
 
@@ -425,18 +422,26 @@ class Report:
             OutputError: a file cannot be written, or one of another kind is in its place.
         """
         heading = [Heading(self.title, 1)] if self.title else []
-        texts = {
-            "html": to_page(self.title, self.blocks, folder=folder) if self.page else "",
-            "md": to_markdown([*heading, *self.blocks]),
-            "csv": to_csv(self.numbers),
-        }
-        files = {folder / f"{name}.{ending}": text for ending, text in texts.items() if text}
-        beside = (folder / f"{name}.csv").is_file()  # numbers are always among the files, and show what they are
-        for file, text in files.items():
-            if file.suffix != ".md":
-                refuse_foreign(file, text)
-            elif not beside:
-                refuse_foreign(file)
-        for file, text in files.items():
-            write_text(file, text)
-        return tuple(files)
+        page = {f"{name}.html": to_page(self.title, self.blocks, folder=folder)} if self.page else {}
+        others = {f"{name}.md": to_markdown([*heading, *self.blocks]), f"{name}.csv": to_csv(self.numbers)}
+        return write_together(folder, page | others)
+
+
+def write_together(folder: Path, texts: Mapping[str, str]) -> tuple[Path, ...]:
+    """Write files of one report by name, none where one of another kind is in the place of any; their paths.
+
+    Markdown, which shows nothing of its kind, is taken for an earlier one where another of the files is there.
+
+    Raises:
+        OutputError: a file cannot be written, or one of another kind is in its place.
+    """
+    files = {folder / name: text for name, text in texts.items()}
+    beside = any(file.is_file() for file in files if file.suffix != ".md")
+    for file, text in files.items():
+        if file.suffix != ".md":
+            refuse_foreign(file, text)
+        elif not beside:
+            refuse_foreign(file)
+    for file, text in files.items():
+        write_text(file, text)
+    return tuple(files)

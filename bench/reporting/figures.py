@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from bench.atomic import write_bytes
 from bench.evaluation import Metric, find_metric, threshold_sweep
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.harness.stored import StoredRun, read_run
+from bench.harness.stored import StoredRun
 from bench.plain_text import plain
 from bench.records.reference import Direction
 from bench.reporting.document import Drawing, data_uri
@@ -59,7 +59,7 @@ DARK_GREY = "#505050"
 
 PictureFormat = Literal["png", "svg", "pdf"]
 
-DPI = 200
+DPI, JPEG_QUALITY = 200, 85
 STYLE: dict[RcKeyType, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,
@@ -123,16 +123,16 @@ def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGR), dtype=np.uint8)
 
 
-def jpeg_bytes(figure: Figure, *, quality: int) -> bytes:
+def jpeg_bytes(figure: Figure) -> bytes:
     """The figure as JPEG, for pictures with photographs in them."""
-    written, content = cv2.imencode(".jpg", figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    written, content = cv2.imencode(".jpg", figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert written, "OpenCV writes JPEG"
     return content.tobytes()
 
 
 def figure_uri(figure: Figure) -> str:
     """The figure as the `data:` address of a JPEG."""
-    return data_uri(jpeg_bytes(figure, quality=82), "image/jpeg")
+    return data_uri(jpeg_bytes(figure), "image/jpeg")
 
 
 def write_picture(stem: Path, figure: Figure, *, formats: Sequence[PictureFormat] = ("png", "svg")) -> tuple[Path, ...]:
@@ -151,13 +151,11 @@ class Chart:
         name: of letters, digits, dashes and underscores, used once: of the file, and before its ids on a page.
         figure: drawn in black on white.
         label: says in words what it shows.
-        caption: a line below it.
     """
 
     name: str
     figure: Figure
     label: str
-    caption: str = ""
 
     def drawing(self) -> Drawing:
         """The chart for a page: black becomes the page's text colour and white its background."""
@@ -172,7 +170,7 @@ class Chart:
         head = re.sub(r'\s(width|height|version|xmlns(:xlink)?)="[^"]*"', "", text[: text.index(">")])
         label = f'aria-label="{escape(self.label)}" xmlns:xlink="http://www.w3.org/1999/xlink"'
         # matplotlib escapes its texts
-        return Drawing(Markup(f'{head} class="chart" role="img" {label}{text[text.index(">") :]}'), self.caption)
+        return Drawing(Markup(f'{head} class="chart" role="img" {label}{text[text.index(">") :]}'))
 
 
 # The ground seen from above.
@@ -300,14 +298,12 @@ def _draw_panel(axes: Axes, range_map: RangeMap | None, reach_m: float, vehicle_
 
 def _reach(maps: Sequence[RangeMap]) -> float:
     """Half the side of the square about the vehicle's origin that holds every cell with an object."""
-    reach_m = _LEAST_REACH_M
+    reach_m = [_LEAST_REACH_M]
     for range_map in maps:
-        for across in (0, 1):
-            filled = np.flatnonzero(range_map.object_frames.any(axis=across))
-            if filled.size:
-                low_m, high_m = range_map.edges_m[[filled[0], filled[-1] + 1]].tolist()
-                reach_m = max(reach_m, -low_m, high_m)
-    return float(np.ceil(reach_m)) + 0.5  # the outermost ticks stay off the corners
+        filled = range_map.object_frames.any(axis=0) | range_map.object_frames.any(axis=1)
+        edges_m = np.abs(range_map.edges_m)
+        reach_m += np.maximum(edges_m[:-1], edges_m[1:])[filled].tolist()
+    return float(np.ceil(max(reach_m))) + 0.5  # the outermost ticks stay off the corners
 
 
 CURVE = "#2a8cc4"  # legible on white and on black
@@ -351,20 +347,6 @@ def draw_charts(run: StoredRun) -> dict[str, Chart]:
     return {chart.name: chart for chart in charts}
 
 
-def write_figures(folder: Path) -> tuple[Path, ...]:
-    """Write the charts of a run's page as `figures/*.pdf` and `.png` beside its results.
-
-    Raises:
-        DataError: a stored result is missing or damaged.
-    """
-    run = read_run(folder)
-    pairs = [
-        write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
-        for name, chart in draw_charts(run).items()
-    ]
-    return tuple(file for pair in pairs for file in pair)
-
-
 # The chart of a sweep.
 
 HEADLINE_STYLES = {
@@ -377,7 +359,7 @@ LOG_FROM = 10.0  # ratio of the largest to the smallest value from which the axi
 
 
 @styled
-def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, title: str, note: str = "") -> Figure:
+def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, title: str) -> Figure:
     """Draw the headline metrics of every value of a setting, in percent, with their 95 % intervals."""
     figure = new_figure(5.2, 3.4, layout="constrained")
     axes = figure.add_subplot()
@@ -395,7 +377,6 @@ def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, titl
     axes.grid(color=LIGHT_GREY, linewidth=0.4)
     axes.set_title(f"{title}\nwith 95 % intervals, by recording", loc="left", pad=18)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.99), ncols=4, frameon=False, handletextpad=0.3)
-    figure.supxlabel(note, x=0.02, ha="left", fontsize=6, color="#555555")
     return figure
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +11,7 @@ import pandas as pd
 from bench.atomic import write_text
 from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import counted, listed
+from bench.reporting import formats
 from bench.reporting.document import Block, Column, Heading, Heads, Paragraph, Report, Style, Table
 from bench.validation import Count, Finding, RecordingReport, Severity, ValidationReport
 
@@ -119,21 +120,17 @@ def prediction_line(found: PredictionIndex, *, threshold: float | None) -> str:
 # Proposals against annotations.
 
 
-def _number(digits: int, *, times: float = 1.0) -> Callable[[float], str]:
-    return lambda value: "n/a" if pd.isna(value) else f"{times * value:.{digits}f}"
-
-
 WHERE: dict[str, Heads] = {"range": "range", "group": "group"}
 COUNTS: dict[str, Heads] = {
     "object_frames": "object-frames",
-    "recall": Column("recall, %", _number(1, times=100)),
-    "precision": Column("precision, %", _number(1, times=100)),
+    "recall": Column("recall, %", formats.number(1, times=100, none="n/a")),
+    "precision": Column("precision, %", formats.number(1, times=100, none="n/a")),
     "switches": "switches",
-    "false_tracks_per_minute": Column("false tracks a minute", _number(1)),
-    "class_right": Column("class right, %", _number(1, times=100)),
+    "false_tracks_per_minute": Column("false tracks a minute", formats.number(1, none="n/a")),
+    "class_right": Column("class right, %", formats.number(1, times=100, none="n/a")),
 }
 ERRORS: dict[str, Heads] = {
-    f"{error}_{of}": Column(heading, _number(digits))
+    f"{error}_{of}": Column(heading, formats.number(digits, none="n/a"))
     for error, name, digits in (
         ("speed_error", "speed error, m/s", 2),
         ("centre_error", "centre error, m", 2),

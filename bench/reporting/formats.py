@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
 
 from bench.evaluation import Metric, Protocol, Summary, headlines
@@ -54,9 +54,9 @@ def row_label(name: str, causes: Container[str]) -> str:
     return f"{LABELS[name]} ({words})" if words and (not cause or cause in causes) else LABELS[name]
 
 
-def percent(ratio: float, *, cases: int = 0, digits: int = 1) -> str:
+def percent(ratio: float) -> str:
     """A ratio as "72.1 %"; "n/a (0 cases)" for NaN."""
-    return f"n/a ({cases} cases)" if math.isnan(ratio) else f"{100 * ratio:.{digits}f} %"
+    return "n/a (0 cases)" if math.isnan(ratio) else f"{100 * ratio:.1f} %"
 
 
 def hundredths(ratio: float) -> str:
@@ -76,19 +76,19 @@ def points(ratio: float) -> str:
     return "n/a" if math.isnan(ratio) else f"{100 * ratio:+.1f}"
 
 
+def number(digits: int, *, times: float = 1.0, none: str = "") -> Callable[[float], str]:
+    """What writes a number of a column, in another unit; `none` for NaN."""
+    return lambda value: none if math.isnan(value) else f"{times * value:.{digits}f}"
+
+
 def points_interval(ci95: tuple[float, float]) -> str:
     """In percentage points, for example "-1.2 to +0.3"."""
     return " to ".join(map(points, ci95))
 
 
-def percent_interval(metric: Metric) -> str:
-    """The 95 % interval in percent, "[65.0, 78.3]"; "" without one."""
-    return interval(metric.ci95)
-
-
-def short_interval(metric: Metric) -> str:
-    """The 95 % interval in whole percent, "65-78"; "" without one."""
-    return "" if metric.ci95 is None else "{:.0f}-{:.0f}".format(*(100 * end for end in metric.ci95))
+def short_interval(ci95: tuple[float, float] | None) -> str:
+    """A 95 % interval in whole percent, "65-78"; "" without one."""
+    return "" if ci95 is None else "{:.0f}-{:.0f}".format(*(100 * end for end in ci95))
 
 
 def metric_cell(metric: Metric) -> Cell:
@@ -98,14 +98,14 @@ def metric_cell(metric: Metric) -> Cell:
     return Cell(percent(metric.value), (interval(metric.ci95),) if metric.ci95 else ())
 
 
-def bar_cell(metric: Metric, *notes: str, lowest: bool = False, tick: float | None = None) -> Cell:
-    """A ratio with its bar, and its interval and notes below; marked where it is the lowest of a table."""
+def bar_cell(metric: Metric, *notes: str, tick: float | None = None) -> Cell:
+    """A ratio with its bar, and its interval and notes below."""
     cell = metric_cell(metric)
     if math.isnan(metric.value):
         return cell
-    below = tuple(filter(None, ("lowest" if lowest else "", *cell.below, *notes)))
+    below = tuple(filter(None, (*cell.below, *notes)))
     bar = Bar(share=metric.value, interval=metric.ci95, tick=tick)
-    return replace(cell, below=below, style="bad" if lowest else "strong", bar=bar)
+    return replace(cell, below=below, style="strong", bar=bar)
 
 
 def with_interval(metric: Metric) -> str:
@@ -114,20 +114,9 @@ def with_interval(metric: Metric) -> str:
     return " ".join((cell.text, *cell.below))
 
 
-def metric_record(metric: Metric) -> dict[str, object]:
-    """A metric as columns of CSV and JSON, at full precision; None for the ends of no interval."""
-    low, high = metric.ci95 or (None, None)
-    return {"value": metric.value, "ci95_low": low, "ci95_high": high, "cases": metric.cases,
-            "recordings": metric.recordings}  # fmt: skip
-
-
-def annotations_field(unreviewed: str) -> dict[str, object]:
-    """Column `annotations` of CSV and JSON, which only runs on annotations that nobody reviewed have.
-
-    Args:
-        unreviewed: `RunSummary.unreviewed`.
-    """
-    return {"annotations": unreviewed.partition(": ")[2].rstrip(".")} if unreviewed else {}
+def ends(metric: Metric) -> dict[str, float | None]:
+    """The ends of the interval as columns of CSV; None without one."""
+    return dict(zip(("ci95_low", "ci95_high"), metric.ci95 or (None, None), strict=True))
 
 
 def headline_metrics(summary: Summary) -> dict[str, Metric]:
@@ -142,12 +131,8 @@ def headline_metrics(summary: Summary) -> dict[str, Metric]:
 
 def detection_levels(names: Iterable[str]) -> list[str]:
     """Those of the names that are detection rates at a level, as "detection_rate_50", the lowest level first."""
-    return sorted((name for name in names if name.startswith("detection_rate_")), key=level_percent)
-
-
-def level_percent(name: str) -> float:
-    """The level of "detection_rate_50", in percent."""
-    return float(name.removeprefix("detection_rate_"))
+    levels = {name: name.removeprefix("detection_rate_") for name in names if name.startswith("detection_rate_")}
+    return sorted(levels, key=lambda name: float(levels[name]))
 
 
 def found_level(protocol: Protocol) -> float:
@@ -161,6 +146,12 @@ def found_level(protocol: Protocol) -> float:
 def found_by(protocol: Protocol) -> str:
     """What of an object has to be marked for `found_level`, in words."""
     return "half of the core" if found_level(protocol) else "any pixel"
+
+
+CORE = (
+    "Core: the part of an object's region that the lidar shows for certain. The unknown band around it counts neither "
+    "way."
+)
 
 
 def chance_of(name: str) -> str:

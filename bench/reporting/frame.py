@@ -1,19 +1,25 @@
-"""One drawing of a frame for pages, pictures, videos and logs: its areas, outlines, objects and lidar points."""
+"""One drawing of a frame for pages, pictures, videos and logs: its areas, outlines, objects and lidar points.
+
+Beside it the panels of what a method saw, and an object's lidar cluster.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 
 import cv2
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, to_rgb
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
+from matplotlib.patches import Polygon as PolygonPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.text import Text
@@ -21,15 +27,21 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from shapely import box, get_parts, get_rings
 
-from bench.errors import ShapeError
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
 from bench.plain_text import plain
-from bench.recordings import ImageRef, MountedCamera, Recording
-from bench.records.reference import Category, IgnoreReason, Outline, ReferenceFrame, ReferenceObject, Status
-from bench.reference.exposure import Readout
-from bench.reference.sweeps import SweepCache
+from bench.records.reference import (
+    Category,
+    IgnoreReason,
+    ObjectGeometry,
+    Outline,
+    ReferenceFrame,
+    ReferenceObject,
+    Status,
+)
+from bench.records.segmentation import Segmentation
 from bench.reporting import figures
+from bench.reporting.formats import frame_name
 
 # An image on axes.
 
@@ -55,14 +67,9 @@ def overlay_areas(
 
     Returns:
         (H, W, 3) BGR uint8, a new image.
-
-    Raises:
-        ShapeError: an area and the image differ in size.
     """
     tinted = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image.copy()
     for colour, area in areas.items():
-        if area.shape != image.shape[:2]:
-            raise ShapeError(f"mask: expected {image.shape[:2]}, got {area.shape}")
         painted = np.round(255 * np.array(to_rgb(colour)[::-1]))
         tinted[area] = ((1 - strength) * tinted[area] + strength * painted).astype(np.uint8)
     return np.asarray(tinted, dtype=np.uint8)
@@ -93,14 +100,13 @@ def zoom_on(axes: Axes, polygon: Outline, *, size: tuple[int, int], aspect: floa
     axes.set(xlim=(u - half_v * aspect, u + half_v * aspect), ylim=(v + half_v, v - half_v))
 
 
-def draw_outline(axes: Axes, polygon: Outline, *, colour: str, style: str = "-", width: float = 1.0) -> PathPatch:
-    """Outline a polygon with its holes; a thin dark rim keeps it visible on any background."""
+def draw_outline(axes: Axes, polygon: Outline, *, colour: str, style: str = "-", width: float = 1.0) -> None:
+    """Outline a polygon with its holes, above points; a thin dark rim keeps it visible on any background."""
     rings = [Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in get_rings(get_parts(polygon))]
     path = Path.make_compound_path(*rings)
-    patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=width, linestyle=style)
+    patch = PathPatch(path, fill=False, edgecolor=colour, linewidth=width, linestyle=style, zorder=3.5)
     patch.set_path_effects([withStroke(linewidth=width + 0.8, foreground="black")])
     axes.add_patch(patch)
-    return patch
 
 
 def fit_text(text: Text, width_in: float) -> None:
@@ -153,24 +159,23 @@ class PixelClass(IntEnum):
     LEFT_OUT = 7  # in an area that is not annotated
 
 
-AREA_COLOURS = {
-    PixelClass.TRUE_POSITIVE: figures.GREEN,
-    PixelClass.FALSE_NEGATIVE: figures.SKY_BLUE,
-    PixelClass.FALSE_POSITIVE: figures.VERMILION,
-    PixelClass.UNKNOWN: figures.YELLOW,
-    PixelClass.IGNORED: figures.LIGHT_GREY,
-    PixelClass.LEFT_OUT: figures.DARK_GREY,
+@dataclass(frozen=True, slots=True)
+class AreaStyle:
+    """How the pixels of a class are drawn; without a hatch in their colour alone."""
+
+    name: str
+    colour: str
+    hatch: str | None = None
+
+
+AREAS = {
+    PixelClass.TRUE_POSITIVE: AreaStyle("found", figures.GREEN),
+    PixelClass.FALSE_NEGATIVE: AreaStyle("missed", figures.SKY_BLUE),
+    PixelClass.FALSE_POSITIVE: AreaStyle("wrongly marked", figures.VERMILION),
+    PixelClass.UNKNOWN: AreaStyle("unknown band", figures.YELLOW),
+    PixelClass.IGNORED: AreaStyle("ignored object", figures.LIGHT_GREY, "//////"),
+    PixelClass.LEFT_OUT: AreaStyle("not annotated", figures.DARK_GREY, "..."),
 }
-AREA_NAMES = {
-    PixelClass.TRUE_POSITIVE: "found",
-    PixelClass.FALSE_NEGATIVE: "missed",
-    PixelClass.FALSE_POSITIVE: "wrongly marked",
-    PixelClass.UNKNOWN: "unknown band",
-    PixelClass.IGNORED: "ignored object",
-    PixelClass.LEFT_OUT: "not annotated",
-}
-RESULTS = (PixelClass.TRUE_POSITIVE, PixelClass.FALSE_NEGATIVE, PixelClass.FALSE_POSITIVE)
-HATCHES = {PixelClass.IGNORED: "//////", PixelClass.LEFT_OUT: "..."}
 HATCH_COLOUR, OUTSIDE_COLOUR = "#202020", "#404040"
 _FADE, _OUTSIDE_FADE, _TINT = 0.8, 0.3, 0.6
 NEAREST_M, FARTHEST_M = 1.0, 50.0  # of the colours of lidar points
@@ -185,12 +190,7 @@ def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> 
 
     Returns:
         (H, W) uint8 of `PixelClass`.
-
-    Raises:
-        ShapeError: `detected` has another size than the reference.
     """
-    if detected.shape != reference.labels.shape:
-        raise ShapeError(f"detected: expected {reference.labels.shape}, got {detected.shape}")
     region = reference.labels > 0
     classes = np.full(region.shape, PixelClass.BACKGROUND, dtype=np.uint8)
     classes[detected] = PixelClass.FALSE_POSITIVE
@@ -201,18 +201,6 @@ def pixel_classes(reference: ReferenceFrame, *, detected: NDArray[np.bool_]) -> 
     classes[region & ~detected] = PixelClass.FALSE_NEGATIVE
     classes[~reference.valid] = PixelClass.OUTSIDE
     return classes
-
-
-def detected_pixels(processed: ProcessedFrame) -> NDArray[np.bool_]:
-    """(H, W) bool, where the method marks motion in a processed frame, within V."""
-    height, width = processed.reference.valid.shape
-    return processed.segmentation.mask_at(width, height) & processed.reference.valid
-
-
-def false_positive_text(processed: ProcessedFrame) -> str:
-    """For example "false positives 12.3 % of the image"."""
-    frame, _ = count_frame(processed.reference, detected_pixels(processed), component_size_px=0)
-    return f"false positives {100 * frame.fp_px / (frame.width * frame.height):.1f} % of the image"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,18 +239,14 @@ class Layers:
     note: str = ""
 
 
-def scored_layers(
-    processed: ProcessedFrame, *, label: str = "", note: str = "", sweep: SeenSweep | None = None
-) -> Layers:
-    """Return the layers of a frame as it was scored; without a note, that of the false positives of the image."""
-    return Layers(
-        pixels=processed.pixels,
-        reference=processed.reference,
-        detected=detected_pixels(processed),
-        sweep=sweep,
-        label=label,
-        note=note or false_positive_text(processed),
-    )
+def scored_layers(processed: ProcessedFrame, *, label: str = "", sweep: SeenSweep | None = None) -> Layers:
+    """Return the layers of a frame as it was scored, with a note of the false positives of the image."""
+    reference = processed.reference
+    height, width = reference.valid.shape
+    detected = processed.segmentation.mask_at(width, height) & reference.valid
+    frame, _ = count_frame(reference, detected, component_size_px=0)
+    note = f"false positives {100 * frame.fp_px / (frame.width * frame.height):.1f} % of the image"
+    return Layers(pixels=processed.pixels, reference=reference, detected=detected, sweep=sweep, label=label, note=note)
 
 
 def reference_layers(
@@ -289,11 +273,12 @@ def draw_layers(axes: Axes, layers: Layers, *, names: bool = True) -> None:
     detected = reference.labels > 0 if layers.detected is None else layers.detected
     classes = pixel_classes(reference, detected=detected)
     image = np.where(classes == PixelClass.OUTSIDE, (_OUTSIDE_FADE * image).astype(np.uint8), image)
-    areas = {colour: classes == kind for kind, colour in AREA_COLOURS.items()}
+    areas = {style.colour: classes == kind for kind, style in AREAS.items()}
     show_image(axes, overlay_areas(image, areas, strength=_TINT))
-    for kind, hatch in HATCHES.items():
-        if (classes == kind).any():
-            filled = axes.contourf((classes == kind).astype(float), levels=[0.5, 1.5], colors="none", hatches=[hatch])
+    for style in AREAS.values():
+        if style.hatch and areas[style.colour].any():
+            area = areas[style.colour].astype(float)
+            filled = axes.contourf(area, levels=[0.5, 1.5], colors="none", hatches=[style.hatch])
             filled.set(edgecolor=HATCH_COLOUR, linewidth=0.0)
     if layers.sweep is not None:
         draw_points(axes, layers.sweep)
@@ -349,14 +334,12 @@ def add_legend(figure: Figure, *, results: bool, sweep: bool) -> None:
         results: they show what a method marks, not the reference alone.
         sweep: they show lidar points.
     """
-    names = (
-        AREA_NAMES
-        if results
-        else {PixelClass.TRUE_POSITIVE: "reference"}
-        | {kind: name for kind, name in AREA_NAMES.items() if kind not in RESULTS}
-    )
+    names = {kind: style.name for kind, style in AREAS.items()}
+    if not results:
+        names |= {PixelClass.TRUE_POSITIVE: "reference"}
+        del names[PixelClass.FALSE_NEGATIVE], names[PixelClass.FALSE_POSITIVE]
     handles: list[Artist] = [
-        Patch(facecolor=AREA_COLOURS[kind], edgecolor=HATCH_COLOUR, hatch=HATCHES.get(kind), linewidth=0, label=name)
+        Patch(facecolor=AREAS[kind].colour, edgecolor=HATCH_COLOUR, hatch=AREAS[kind].hatch, linewidth=0, label=name)
         for kind, name in names.items()
     ]
     handles.append(Patch(color=OUTSIDE_COLOUR, label="not evaluated"))
@@ -366,14 +349,13 @@ def add_legend(figure: Figure, *, results: bool, sweep: bool) -> None:
                   handletextpad=0.5, labelspacing=0.3, columnspacing=0.6, borderaxespad=0.1)  # fmt: skip
 
 
-COLUMNS = 2
 LEGEND_IN, LEAST_WIDTH_IN = 0.36, 3.2  # at most two rows; a column of a paper
 _MARGIN_IN, _LINE_IN, _NAME_IN = 0.04, 0.13, 0.18
 
 
 @figures.styled
 def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figure:
-    """Draw an image with one or several sets of layers, two in a row, under one name and above one legend.
+    """Draw an image with one or several sets of layers beside each other, under one name and above one legend.
 
     Args:
         layers: at least one, of the same image.
@@ -387,24 +369,20 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     Source:
         Mariotti and Eising 2020, the figure that explains the detection rates.
     """
-    columns = min(COLUMNS, len(layers))
-    rows = -(-len(layers) // columns)
     height, width = layers[0].pixels.shape[:2]
     scale = -(-int(LEAST_WIDTH_IN * figures.DPI) // width)
     width_in, height_in = scale * width / figures.DPI, scale * height / figures.DPI
     head_in = any(side.label for side in layers) * _LINE_IN + any(side.note for side in layers) * _LINE_IN + _MARGIN_IN
-    full_in = _NAME_IN * (1 + bool(title)) + rows * (head_in + height_in) + LEGEND_IN
-    across_in = columns * (width_in + _MARGIN_IN) + _MARGIN_IN
+    full_in = _NAME_IN * (1 + bool(title)) + head_in + height_in + LEGEND_IN
+    across_in = len(layers) * (width_in + _MARGIN_IN) + _MARGIN_IN
     figure = figures.new_figure(across_in, full_in)
     for number, line in enumerate(filter(None, (title, name))):
         at_in = full_in - 0.03 - number * _NAME_IN
         text = figure.text(0.5, at_in / full_in, line, ha="center", va="top", fontsize=8)
         fit_text(text, across_in - 2 * _MARGIN_IN)
     for number, side in enumerate(layers):
-        row, column = divmod(number, columns)
-        bottom_in = LEGEND_IN + (rows - 1 - row) * (head_in + height_in)
-        left_in = _MARGIN_IN + column * (width_in + _MARGIN_IN)
-        axes = figures.axes_at(figure, left_in, bottom_in, width_in, height_in)
+        left_in = _MARGIN_IN + number * (width_in + _MARGIN_IN)
+        axes = figures.axes_at(figure, left_in, LEGEND_IN, width_in, height_in)
         draw_layers(axes, side)
         axes.set_title("\n".join(filter(None, (side.label, side.note))), pad=2, fontsize=7)
         fit_text(axes.title, width_in)
@@ -433,48 +411,194 @@ def draw_close_up(layers: Layers, target: ReferenceObject, *, name: str) -> Figu
     return figure
 
 
-FARTHEST_SWEEP_NS = 100_000_000
+# What a method saw.
+
+LIKELIHOOD_SATURATION, SCORE_SATURATION = 0.02, 1.0  # the paper's figure 6
+DEVIATION_SATURATION = 0.05  # a deviation of weight 1 that makes a likelihood of 0.02 by itself is 0.048
+FLOW_SATURATION_PX = 16.0
+ARROWS_ACROSS = 24
+DEVIATIONS = {
+    "epipolar": "epipolar",
+    "positive_depth": "positive depth",
+    "positive_height": "positive height",
+    "anti_parallel": "anti-parallel",
+    "three_view": "three views",
+}
+_NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
+_PANEL_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _GAP_IN, _SECOND_LINE_IN = 2.6, 0.26, 0.62, 0.22, 0.06, 0.1
 
 
-class SweepViewer:
-    """Projects the sweep nearest to an exposure.
+@dataclass(frozen=True, slots=True)
+class _Panel:
+    """A panel: its label, the unit of its colours, and what draws it and returns what has them, if anything."""
+
+    label: str
+    unit: str
+    draw: Callable[[Axes], ScalarMappable | None]
+
+
+@figures.styled
+def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
+    """Draw a frame as a column of panels, one for everything that the method shows of its work, its areas last.
 
     Args:
-        recording: the drive.
-        camera: whose images the sweeps are projected into.
+        processed: the frame; panels appear for the `parts` that the method's answer has.
+        made_by: method and protocol, below the name of the image; empty where they are said beside the picture.
+
+    Source:
+        Mariotti and Eising 2020, figure 6.
     """
+    panels = list(_panels(processed))
+    height, width = processed.reference.valid.shape
+    height_in, top_in = _PANEL_IN * height / width, _TOP_IN + bool(made_by) * _SECOND_LINE_IN
+    full_in = top_in + len(panels) * (height_in + _GAP_IN) + LEGEND_IN
+    figure = figures.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
+    for number, (panel, numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
+        bottom_in = full_in - top_in - height_in - number * (height_in + _GAP_IN)
+        axes = figures.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
+        coloured = panel.draw(axes)
+        axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
+        if coloured is not None:
+            _draw_colour_bar(axes, coloured, panel.unit)
+    heading = f"{frame_name(processed.reference)}\n{made_by}".rstrip()
+    fit_text(figure.axes[0].set_title(heading, pad=3, fontsize=6), _PANEL_IN + 2 * _LEFT_IN)
+    add_legend(figure, results=True, sweep=False)
+    return figure
 
-    def __init__(self, recording: Recording, camera: MountedCamera) -> None:
-        self._recording, self._camera = recording, camera
-        self._sweeps = SweepCache(recording, FARTHEST_SWEEP_NS)
 
-    def see(self, image: ImageRef, *, compensated: bool = True) -> SeenSweep | None:
-        """The sweep at an exposure; None where there is none within 100 ms, or no ego-motion.
+def _draw_colour_bar(axes: Axes, coloured: ScalarMappable, unit: str) -> None:
+    _, most = coloured.get_clim()
+    assert most is not None, "each panel fixes its colours"
+    beside = axes.inset_axes((1.023, 0.05, 0.035, 0.9))
+    bar = axes.figure.colorbar(coloured, cax=beside, extend="max", ticks=[0.0, most / 2, most])
+    bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+    bar.set_label(unit, fontsize=6)
+    bar.ax.yaxis.set_label_coords(4.6, 0.5)  # one line for all bars, whatever their numbers' width
 
-        Args:
-            image: the exposure.
-            compensated: False for points as they were measured, as if nothing moved meanwhile.
 
-        Raises:
-            DataError: the sweep's file cannot be read.
-        """
-        placed = self._sweeps.nearest(None, image.timestamp_ns)
-        if placed is None:
-            return None
-        world_from_vehicle = self._recording.trajectory.world_from_vehicle(image.timestamp_ns)
-        if compensated:
-            points_world = placed.points_world()
-            points_vehicle = world_from_vehicle.inverse().apply(points_world)
-            readout = Readout.at(image.timestamp_ns, trajectory=self._recording.trajectory, camera=self._camera)
-        else:
-            points_vehicle = self._recording.vehicle_from_lidar.apply(placed.sweep.points_lidar.astype(np.float64))
-            points_world, readout = world_from_vehicle.apply(points_vehicle), None
-        points_camera = self._camera.vehicle_from_camera.inverse().apply(points_vehicle)
-        shown = points_camera if readout is None else readout.seen(points_camera, self._camera.model)
-        pixels, valid = self._camera.model.project(shown)
-        seen = valid & self._camera.model.contains(pixels)
-        return SeenSweep(
-            points_world=points_world,
-            pixels=pixels[seen],
-            range_m=np.linalg.norm(points_camera[seen], axis=1),
-        )
+def _panels(processed: ProcessedFrame) -> Iterator[_Panel]:
+    segmentation, parts = processed.segmentation, processed.segmentation.parts or {}
+
+    def of_cells(values: NDArray[np.float32], saturation: float) -> Callable[[Axes], ScalarMappable]:
+        valid = processed.reference.valid
+        return partial(_draw_cells, values=values, saturation=saturation, segmentation=segmentation, valid=valid)
+
+    if "flow_u" in parts and "flow_v" in parts:
+        yield _Panel("flow", "px per frame", partial(_draw_flow, processed=processed))
+    for name, label in DEVIATIONS.items():
+        if name in parts:
+            yield _Panel(label, "deviation", of_cells(parts[name], DEVIATION_SATURATION))
+    if segmentation.likelihood is not None:
+        is_score = segmentation.likelihood_is_score
+        label, saturation = ("score", SCORE_SATURATION) if is_score else ("likelihood", LIKELIHOOD_SATURATION)
+        yield _Panel(label, label, of_cells(segmentation.likelihood, saturation))
+    yield _Panel("segmentation", "", partial(draw_layers, layers=scored_layers(processed)))
+
+
+def _draw_flow(axes: Axes, *, processed: ProcessedFrame) -> ScalarMappable:
+    """Draw arrows from where the pixel was in the previous image to where it is now, on an even grid."""
+    image, segmentation = processed.pixels, processed.segmentation
+    assert segmentation.parts is not None
+    flow_u, flow_v = segmentation.parts["flow_u"], segmentation.parts["flow_v"]
+    show_image(axes, faded(image, 0.45))
+    step, cell = max(1, flow_u.shape[1] // ARROWS_ACROSS), segmentation.cell_size_px
+    picked = np.s_[step // 2 :: step, step // 2 :: step]
+    v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
+    inside = (u < image.shape[1]) & (v < image.shape[0])
+    at = np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)
+    seen = inside & processed.reference.valid[at]
+    back_u, back_v = flow_u[picked][seen], flow_v[picked][seen]
+    return axes.quiver(
+        u[seen], v[seen], -back_u, -back_v, np.hypot(back_u, back_v),
+        angles="xy", scale_units="xy", scale=1.0, pivot="tip", width=0.0045, headwidth=4.0, headlength=4.5,
+        minlength=0.6, cmap="viridis", norm=Normalize(vmin=0.0, vmax=FLOW_SATURATION_PX, clip=True),
+    )  # fmt: skip
+
+
+def _draw_cells(
+    axes: Axes,
+    *,
+    values: NDArray[np.float32],
+    saturation: float,
+    segmentation: Segmentation,
+    valid: NDArray[np.bool_],
+) -> ScalarMappable:
+    """Colour the cells; light grey where the lens or the method sees nothing."""
+    (height, width), (rows, columns) = valid.shape, values.shape
+    cell = segmentation.cell_size_px
+    middle = cell // 2
+    seen = valid[middle::cell, middle::cell]
+    hidden = ~np.pad(seen, ((0, rows - seen.shape[0]), (0, columns - seen.shape[1])), mode="edge")
+    if segmentation.undefined is not None:
+        hidden |= segmentation.undefined
+    axes.set_facecolor(figures.LIGHT_GREY)
+    coloured = axes.imshow(
+        np.ma.masked_array(values, mask=hidden | ~np.isfinite(values)),
+        cmap="inferno", norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
+        extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
+    )  # fmt: skip
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+    return coloured
+
+
+# An object's lidar cluster.
+
+_CLUSTER_IN, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, _TITLE_IN, _BETWEEN_IN, _EDGE_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
+_SURROUNDINGS_M = 3.0
+
+
+@figures.styled
+def draw_cluster(
+    geometry: ObjectGeometry,
+    *,
+    image: NDArray[np.uint8],
+    polygon: Outline,
+    vehicle_outline_m: NDArray[np.float64],
+    title: str,
+    image_name: str,
+) -> Figure:
+    """Draw the point cloud from above on the left and the image on the right.
+
+    Args:
+        geometry: the object's points and annotated shape at exposure.
+        image: (H, W) grey or (H, W, 3) BGR uint8.
+        polygon: the reference polygon in pixels.
+        vehicle_outline_m: (L, 2) float64, the ego vehicle from above, vehicle frame, m.
+        title: names the object.
+        image_name: says which image it is.
+
+    Source:
+        Mariotti and Eising 2020, the figure on ground truth generation.
+    """
+    height, width = image.shape[:2]
+    # The square plan and the image share one height and fill the width.
+    side_in = (_CLUSTER_IN - _PLAN_LEFT_IN - _BETWEEN_IN - _EDGE_IN) / (1 + width / height)
+    figure = figures.new_figure(_CLUSTER_IN, side_in + _PLAN_BOTTOM_IN + _TITLE_IN)
+    plan = figures.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
+    picture_in = _PLAN_LEFT_IN + side_in + _BETWEEN_IN
+    picture = figures.axes_at(figure, picture_in, _PLAN_BOTTOM_IN, side_in * width / height, side_in)
+    _draw_plan(plan, geometry, vehicle_outline_m)
+    show_image(picture, image)
+    zoom_on(picture, polygon, size=(width, height), aspect=width / height)
+    seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
+    picture.scatter(seen[:, 0], seen[:, 1], s=0.8, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
+    draw_outline(picture, polygon, colour=figures.VERMILION, width=1.1)
+    plan.set_title("(a) point cloud from above", pad=3)
+    picture.set_title(f"(b) {title}", pad=3)
+    figure.text(1 - _EDGE_IN / _CLUSTER_IN, 0.03, image_name, ha="right", va="bottom")
+    return figure
+
+
+def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
+    around, cluster, outline_m = geometry.surroundings_vehicle, geometry.cluster_vehicle, geometry.outline_m
+    axes.scatter(around[:, 1], around[:, 0], s=0.4, c="#777777", linewidths=0, rasterized=True)
+    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=figures.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
+    if len(outline_m):
+        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=figures.ORANGE, linewidth=1.3, zorder=4))
+    figures.draw_vehicle(axes, vehicle_outline_m)
+    corners = np.concatenate([part for part in (cluster[:, :2], outline_m, vehicle_outline_m) if len(part)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    half_m = (high - low).max() / 2 + _SURROUNDINGS_M
+    (x, y) = (low + high) / 2
+    figures.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))

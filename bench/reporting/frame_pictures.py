@@ -1,23 +1,28 @@
-"""The pictures of single frames: what a method saw, each object's lidar cluster, and the frames that show a run."""
+"""The pictures, videos, logs and calibration that `view` makes of frames; and the frames of stored runs, drawn.
+
+The viewer rerun knows pinhole cameras only, so what a fisheye sees is drawn here and logged as a flat picture, beside
+the path, the lidar in the world, and boxes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TypeVar
+from types import ModuleType
+from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon as PolygonPatch
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from bench.errors import BenchError
+from bench.atomic import refuse_foreign, replacing, write_bytes
+from bench.cameras import ray_grid
+from bench.errors import BenchError, OutputError, UsageError
 from bench.evaluation import Rows
 from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
 from bench.harness import FramePipeline, ProcessedFrame
@@ -25,255 +30,56 @@ from bench.harness.datasets import StoredFrames
 from bench.harness.frames import UnscorableFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
-from bench.recordings import DatasetCard, ImageRef, read_image
-from bench.records.reference import Category, ObjectGeometry, Outline, ReferenceFrame, Status
-from bench.records.segmentation import Segmentation
+from bench.recordings import Cuboid, DatasetCard, ImageRef, read_image
+from bench.records.recording import MountedCamera, Recording
+from bench.records.reference import Category, ReferenceFrame, Status
+from bench.reference.exposure import Readout
+from bench.reference.sweeps import SweepCache
 from bench.reporting import figures
-from bench.reporting.formats import file_name, frame_name, made_by
+from bench.reporting.formats import file_name, frame_name, image_name, made_by
 from bench.reporting.frame import (
-    LEGEND_IN,
-    add_legend,
+    FARTHEST_M,
+    NEAREST_M,
+    Layers,
+    SeenSweep,
+    draw_cluster,
     draw_frames,
-    draw_layers,
-    draw_outline,
+    draw_panels,
+    draw_points,
     faded,
-    fit_text,
     reference_layers,
     scored_layers,
     show_image,
-    zoom_on,
 )
+from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
-LIKELIHOOD_SATURATION = 0.02  # the paper's figure 6
-SCORE_SATURATION = 1.0
-DEVIATION_SATURATION = 0.05  # a deviation of weight 1 that makes a likelihood of 0.02 by itself is 0.048
-FLOW_SATURATION_PX = 16.0
-ARROWS_ACROSS = 24
-COLOUR_MAP = "inferno"
-FLOW_COLOUR_MAP = "viridis"
-DEVIATIONS = {
-    "epipolar": "epipolar",
-    "positive_depth": "positive depth",
-    "positive_height": "positive height",
-    "anti_parallel": "anti-parallel",
-    "three_view": "three views",
-}
-_NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
-_PANEL_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _GAP_IN = 2.6, 0.26, 0.62, 0.22, 0.06
-_LINE_IN = 0.1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Panel:
-    label: str
-    draw: Callable[[Axes], None]
-    saturation: float | None = None
-    colour_map: str = COLOUR_MAP
-    unit: str = ""
-
-
-@figures.styled
-def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
-    """Draw a frame as a column of panels, one for everything that the method shows of its work, its areas last.
-
-    Args:
-        processed: the frame; panels appear for the `parts` that the method's answer has.
-        made_by: method and protocol, below the name of the image; empty where they are said beside the picture.
-
-    Source:
-        Mariotti and Eising 2020, figure 6.
-    """
-    panels = list(_panels(processed))
-    height, width = processed.reference.valid.shape
-    height_in, top_in = _PANEL_IN * height / width, _TOP_IN + bool(made_by) * _LINE_IN
-    full_in = top_in + len(panels) * (height_in + _GAP_IN) + LEGEND_IN
-    figure = figures.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
-    for number, (panel, numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
-        bottom_in = full_in - top_in - height_in - number * (height_in + _GAP_IN)
-        axes = figures.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
-        panel.draw(axes)
-        axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
-        if panel.saturation is not None:
-            _draw_colour_bar(axes, panel, panel.saturation)
-    heading = f"{frame_name(processed.reference)}\n{made_by}".rstrip()
-    fit_text(figure.axes[0].set_title(heading, pad=3, fontsize=6), _PANEL_IN + 2 * _LEFT_IN)
-    add_legend(figure, results=True, sweep=False)
-    return figure
-
-
-def _draw_colour_bar(axes: Axes, panel: _Panel, saturation: float) -> None:
-    scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=saturation), cmap=panel.colour_map)
-    beside = axes.inset_axes((1.023, 0.05, 0.035, 0.9))
-    bar = axes.figure.colorbar(scale, cax=beside, extend="max", ticks=[0.0, saturation / 2, saturation])
-    bar.ax.tick_params(labelsize=6, length=2, pad=1.5)
-    bar.ax.yaxis.set_major_formatter("{x:g}")
-    bar.set_label(panel.unit, fontsize=6)
-    bar.ax.yaxis.set_label_coords(4.6, 0.5)  # one line for all bars, whatever their numbers' width
-
-
-def _panels(processed: ProcessedFrame) -> Iterator[_Panel]:
-    segmentation, reference = processed.segmentation, processed.reference
-    parts = segmentation.parts or {}
-    cells = partial(_draw_cells, segmentation=segmentation, valid=reference.valid)
-    if "flow_u" in parts and "flow_v" in parts:
-        flow = partial(_draw_flow, image=processed.pixels, segmentation=segmentation, valid=reference.valid)
-        yield _Panel(label="flow", draw=flow, saturation=FLOW_SATURATION_PX, colour_map=FLOW_COLOUR_MAP,
-                     unit="px per frame")  # fmt: skip
-    for name, label in DEVIATIONS.items():
-        if name in parts:
-            draw = partial(cells, values=parts[name], saturation=DEVIATION_SATURATION)
-            yield _Panel(label=label, draw=draw, saturation=DEVIATION_SATURATION, unit="deviation")
-    if segmentation.likelihood is not None:
-        is_score = segmentation.likelihood_is_score
-        label, saturation = ("score", SCORE_SATURATION) if is_score else ("likelihood", LIKELIHOOD_SATURATION)
-        draw = partial(cells, values=segmentation.likelihood, saturation=saturation)
-        yield _Panel(label=label, draw=draw, saturation=saturation, unit=label)
-    yield _Panel(label="segmentation", draw=partial(draw_layers, layers=scored_layers(processed)))
-
-
-def _draw_flow(axes: Axes, *, image: NDArray[np.uint8], segmentation: Segmentation, valid: NDArray[np.bool_]) -> None:
-    """Draw arrows from where the pixel was in the previous image to where it is now, on an even grid."""
-    parts, cell = segmentation.parts, segmentation.cell_size_px
-    assert parts is not None
-    flow_u, flow_v = parts["flow_u"], parts["flow_v"]
-    show_image(axes, faded(image, 0.45))
-    step = max(1, flow_u.shape[1] // ARROWS_ACROSS)
-    picked = np.s_[step // 2 :: step, step // 2 :: step]
-    v, u = (np.mgrid[: flow_u.shape[0], : flow_u.shape[1]] * cell + (cell - 1) / 2)[:, *picked]
-    inside = (u < image.shape[1]) & (v < image.shape[0])
-    seen = inside & valid[np.where(inside, v, 0).astype(int), np.where(inside, u, 0).astype(int)]
-    back_u, back_v = flow_u[picked][seen], flow_v[picked][seen]
-    axes.quiver(
-        u[seen], v[seen], -back_u, -back_v, np.hypot(back_u, back_v),
-        angles="xy", scale_units="xy", scale=1.0, pivot="tip", width=0.0045, headwidth=4.0, headlength=4.5,
-        minlength=0.6, cmap=FLOW_COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=FLOW_SATURATION_PX, clip=True),
-    )  # fmt: skip
-
-
-def _draw_cells(
-    axes: Axes,
-    *,
-    segmentation: Segmentation,
-    valid: NDArray[np.bool_],
-    values: NDArray[np.float32],
-    saturation: float,
-) -> None:
-    """Colour the cells; light grey where the lens or the method sees nothing."""
-    (height, width), (rows, columns) = valid.shape, values.shape
-    cell = segmentation.cell_size_px
-    middle = cell // 2
-    seen = valid[middle::cell, middle::cell]
-    hidden = ~np.pad(seen, ((0, rows - seen.shape[0]), (0, columns - seen.shape[1])), mode="edge")
-    if segmentation.undefined is not None:
-        hidden |= segmentation.undefined
-    shown = np.ma.masked_array(values, mask=hidden | ~np.isfinite(values))
-    axes.set_facecolor(figures.LIGHT_GREY)
-    axes.imshow(
-        shown, cmap=COLOUR_MAP, norm=Normalize(vmin=0.0, vmax=saturation, clip=True), interpolation="nearest",
-        extent=(-0.5, columns * cell - 0.5, rows * cell - 0.5, -0.5),
-    )  # fmt: skip
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
-
-
-_CLUSTER_IN, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, _TITLE_IN, _BETWEEN_IN, _EDGE_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
-_SURROUNDINGS_M = 3.0
-_CLOUD = "#777777"
-_DOT_SIZE = 0.8  # points squared
-
-
-@figures.styled
-def draw_cluster(
-    geometry: ObjectGeometry,
-    *,
-    image: NDArray[np.uint8],
-    polygon: Outline,
-    vehicle_outline_m: NDArray[np.float64],
-    title: str = "fisheye image",
-    image_name: str = "",
-) -> Figure:
-    """Draw the point cloud from above on the left and the image on the right.
-
-    Args:
-        geometry: the object's points and annotated shape at exposure.
-        image: (H, W) grey or (H, W, 3) BGR uint8.
-        polygon: the reference polygon in pixels.
-        vehicle_outline_m: (L, 2) float64, the ego vehicle from above, vehicle frame, m.
-        title: names the object.
-        image_name: says which image it is.
-
-    Source:
-        Mariotti and Eising 2020, the figure on ground truth generation.
-    """
-    height, width = image.shape[:2]
-    # The square plan and the image share one height and fill the width.
-    side_in = (_CLUSTER_IN - _PLAN_LEFT_IN - _BETWEEN_IN - _EDGE_IN) / (1 + width / height)
-    full_in = side_in + _PLAN_BOTTOM_IN + _TITLE_IN
-    figure = figures.new_figure(_CLUSTER_IN, full_in)
-    plan = figures.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
-    picture = figures.axes_at(
-        figure, _PLAN_LEFT_IN + side_in + _BETWEEN_IN, _PLAN_BOTTOM_IN, side_in * width / height, side_in
-    )
-    _draw_plan(plan, geometry, vehicle_outline_m)
-    show_image(picture, image)
-    zoom_on(picture, polygon, size=(width, height), aspect=width / height)
-    _draw_cluster_pixels(picture, geometry, polygon)
-    plan.set_title("(a) point cloud from above", pad=3)
-    picture.set_title(f"(b) {title}", pad=3)
-    figure.text(1 - _EDGE_IN / _CLUSTER_IN, 0.03, image_name, ha="right", va="bottom")
-    return figure
-
-
-def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[np.float64]) -> None:
-    around, cluster, outline_m = geometry.surroundings_vehicle, geometry.cluster_vehicle, geometry.outline_m
-    axes.scatter(around[:, 1], around[:, 0], s=0.4, c=_CLOUD, linewidths=0, rasterized=True)
-    axes.scatter(cluster[:, 1], cluster[:, 0], s=2.5, c=figures.SKY_BLUE, linewidths=0, zorder=4.5, rasterized=True)
-    if len(outline_m):
-        axes.add_patch(PolygonPatch(outline_m[:, ::-1], fill=False, edgecolor=figures.ORANGE, linewidth=1.3, zorder=4))
-    figures.draw_vehicle(axes, vehicle_outline_m)
-    corners = np.concatenate([part for part in (cluster[:, :2], outline_m, vehicle_outline_m) if len(part)])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    half_m = (high - low).max() / 2 + _SURROUNDINGS_M
-    (x, y) = (low + high) / 2
-    figures.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
-
-
-def _draw_cluster_pixels(axes: Axes, geometry: ObjectGeometry, polygon: Outline) -> None:
-    seen = geometry.pixels[np.isfinite(geometry.pixels).all(axis=1)]
-    axes.scatter(seen[:, 0], seen[:, 1], s=_DOT_SIZE, c=figures.SKY_BLUE, linewidths=0, zorder=3, rasterized=True)
-    draw_outline(axes, polygon, colour=figures.VERMILION, width=1.1).set_zorder(3.5)
+# Pictures of a frame.
 
 
 def write_frame_pictures(
     processed: ProcessedFrame, pipeline: FramePipeline, folder: Path, *, made_by: str
 ) -> tuple[Path, ...]:
-    """Write `panels.png`, `areas.png` and `cluster-<track>.png` of the evaluated objects.
+    """Write `panels.png`, `areas.png` and `cluster-<track>.png` of the evaluated objects; the files.
 
     Args:
         processed: the frame.
         pipeline: that processed it.
         folder: is made.
         made_by: method and protocol, as `made_by` says them.
-
-    Returns:
-        The files.
     """
     areas = draw_frames([scored_layers(processed, label=made_by)], name=frame_name(processed.reference))
     drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
-    drawn |= _clusters(processed.reference, processed.image, processed.pixels, pipeline)
-    return _write(drawn, folder)
+    return _write(drawn | _clusters(processed.reference, processed.image, processed.pixels, pipeline), folder)
 
 
 def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
-    """Write `reference.png` and `cluster-<track>.png` of the evaluated objects of an image, without any method.
+    """Write `reference.png` and `cluster-<track>.png` of the evaluated objects, without any method; the files.
 
     Args:
         pipeline: of the camera.
         index: of the image.
         folder: is made.
         made_by: the protocol.
-
-    Returns:
-        The files.
 
     Raises:
         DataError: the image, its sweep or ego-motion cannot be used.
@@ -288,7 +94,6 @@ def _clusters(
     reference: ReferenceFrame, image: ImageRef, pixels: NDArray[np.uint8], pipeline: FramePipeline
 ) -> dict[str, Figure]:
     """The evaluated objects of which lidar points are known, by name of file."""
-    shown = [target for target in reference.objects if target.status is Status.EVALUATED]
     return {
         f"cluster-{file_name(target.track_id)}": draw_cluster(
             pipeline.references.geometry(target.track_id, image),
@@ -299,8 +104,8 @@ def _clusters(
             f"{target.points} points",
             image_name=frame_name(reference),
         )
-        for target in shown
-        if target.polygon is not None and image.moving_path is None
+        for target in reference.objects
+        if target.status is Status.EVALUATED and target.polygon is not None and image.moving_path is None
     }
 
 
@@ -309,6 +114,8 @@ def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
         file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, formats=["png"])
     )
 
+
+# Frames of stored runs.
 
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 
@@ -389,3 +196,435 @@ def write_example_pictures(
 
     written, problems = draw_images([run], categories, write, card=card, progress=progress)
     return [file for files in written.values() for file in files], problems
+
+
+FARTHEST_SWEEP_NS = 100_000_000
+
+
+class SweepViewer:
+    """Projects the sweep nearest to an exposure.
+
+    Args:
+        recording: the drive.
+        camera: whose images the sweeps are projected into.
+    """
+
+    def __init__(self, recording: Recording, camera: MountedCamera) -> None:
+        self._recording, self._camera = recording, camera
+        self._sweeps = SweepCache(recording, FARTHEST_SWEEP_NS)
+
+    def see(self, image: ImageRef, *, compensated: bool = True) -> SeenSweep | None:
+        """The sweep at an exposure; None where there is none within 100 ms, or no ego-motion.
+
+        Args:
+            image: the exposure.
+            compensated: False for points as they were measured, as if nothing moved meanwhile.
+
+        Raises:
+            DataError: the sweep's file cannot be read.
+        """
+        placed = self._sweeps.nearest(None, image.timestamp_ns)
+        if placed is None:
+            return None
+        world_from_vehicle = self._recording.trajectory.world_from_vehicle(image.timestamp_ns)
+        if compensated:
+            points_world = placed.points_world()
+            points_vehicle = world_from_vehicle.inverse().apply(points_world)
+            readout = Readout.at(image.timestamp_ns, trajectory=self._recording.trajectory, camera=self._camera)
+        else:
+            points_vehicle = self._recording.vehicle_from_lidar.apply(placed.sweep.points_lidar.astype(np.float64))
+            points_world, readout = world_from_vehicle.apply(points_vehicle), None
+        points_camera = self._camera.vehicle_from_camera.inverse().apply(points_vehicle)
+        shown = points_camera if readout is None else readout.seen(points_camera, self._camera.model)
+        pixels, valid = self._camera.model.project(shown)
+        seen = valid & self._camera.model.contains(pixels)
+        return SeenSweep(
+            points_world=points_world,
+            pixels=pixels[seen],
+            range_m=np.linalg.norm(points_camera[seen], axis=1),
+        )
+
+
+# Videos and logs.
+
+# The codecs that the OpenCV wheel carries; H.264 is not among them for its licence. Browsers play .webm only.
+CODECS = {".mp4": "mp4v", ".webm": "VP90"}
+DISK_HINT = "free some disk space, then run the same command again"
+NEAR_STATE_NS = 60_000_000
+POINT_RADIUS_M = 0.03
+LEAST_ROOM_BYTES = 65_536  # of a log: with less the library waits for ever
+
+
+def refuse_other_files(*, video: Path | None, rrd: Path | None) -> None:
+    """Refuse what `write_film` could not write, before anything is rendered.
+
+    Raises:
+        UsageError: another suffix, or no viewer.
+    """
+    if video is not None and video.suffix.lower() not in CODECS:
+        raise UsageError(f"video: expected a file {', '.join('*' + s for s in CODECS)}, got {video.name!r}")
+    if rrd is not None and rrd.suffix.lower() != ".rrd":
+        raise UsageError(f"--rrd: expected a file *.rrd, got {rrd.name!r}")
+    if rrd is not None:
+        viewer()
+
+
+def viewer() -> ModuleType:
+    """The viewer's library, which is optional.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        import rerun
+    except ImportError as error:
+        raise UsageError(
+            f"--rrd: expected the optional viewer rerun, got none ({error}); "
+            "install it: pip install 'fisheye-bench[viewer]', or write a --video instead"
+        ) from error
+    module: ModuleType = rerun
+    return module
+
+
+@contextmanager
+def video_file(path: Path, *, frame_rate_hz: float) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+    """A video file that appears whole or not at all.
+
+    Args:
+        path: .mp4 or .webm.
+        frame_rate_hz: pictures per second.
+
+    Yields:
+        Takes a picture, (H, W, 3) BGR uint8, at least one, all of one size; without the last row or column if odd.
+
+    Raises:
+        UsageError: a codec that cannot be written.
+        OutputError: the file is there, cannot be written, or not to its end.
+    """
+    refuse_foreign(path)
+    codec, pictures, writer = CODECS[path.suffix.lower()], 0, cv2.VideoWriter()
+
+    def add(picture: NDArray[np.uint8]) -> None:
+        nonlocal pictures
+        even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]  # as codecs need it
+        if not pictures:
+            temporary.touch()  # OpenCV reports a path that cannot be written as it does a missing codec
+            writer.open(str(temporary), cv2.VideoWriter.fourcc(*codec), frame_rate_hz, even.shape[1::-1])
+        if not writer.isOpened():
+            raise UsageError(
+                f"{path}: expected a codec for {path.suffix} in this OpenCV, got none ({codec}); "
+                f"try another of {', '.join(CODECS)}"
+            )
+        writer.write(np.ascontiguousarray(even))
+        pictures += 1
+
+    with replacing(path) as temporary:
+        try:
+            yield add
+        finally:
+            writer.release()
+        video, held = cv2.VideoCapture(str(temporary)), 0  # OpenCV does not report that a disk is full
+        while video.grab():
+            held += 1
+        stated = video.get(cv2.CAP_PROP_FRAME_COUNT)
+        video.release()
+        if not pictures == stated == held:
+            raise OutputError(path, got="a file that ends before its last picture", hint=DISK_HINT)
+
+
+@contextmanager
+def rerun_log(
+    path: Path, *, recording: Recording, camera: str
+) -> Iterator[Callable[[ImageRef, NDArray[np.uint8], SeenSweep | None], None]]:
+    """A file for the viewer that appears whole or not at all.
+
+    Args:
+        path: *.rrd.
+        recording: the drive.
+        camera: name of the camera whose images are logged.
+
+    Yields:
+        Takes an image, its overlay, (H, W, 3) BGR uint8, and its lidar sweep, if there is one.
+
+    Raises:
+        UsageError: the viewer's library is not installed.
+        OutputError: the file is there, cannot be written, or not to its end.
+        DataError: no ego-motion at an image.
+    """
+    rr = viewer()
+    refuse_foreign(path)
+    stream = rr.RecordingStream("fisheye-bench", recording_id=f"{recording.name}-{camera}")
+
+    def add(image: ImageRef, picture: NDArray[np.uint8], seen: SeenSweep | None) -> None:
+        stream.set_time("exposure", timestamp=np.datetime64(image.timestamp_ns, "ns"))
+        pose = recording.trajectory.world_from_vehicle(image.timestamp_ns)
+        stream.log("world/vehicle", rr.Transform3D(translation=pose.translation_m, mat3x3=pose.rotation))
+        rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        stream.log(f"images/{image.camera}", rr.Image(rgb).compress(jpeg_quality=90))
+        if seen is not None:
+            stream.log("world/lidar", rr.Points3D(seen.points_world.astype(np.float32), radii=POINT_RADIUS_M))
+        stream.log("world/objects", _boxes(rr, recording, image.timestamp_ns))
+
+    with replacing(path) as temporary:
+        temporary.write_bytes(bytes(LEAST_ROOM_BYTES))
+        try:
+            with _write_errors(path):
+                stream.save(str(temporary))
+            stream.log("world", rr.ViewCoordinates.FLU, static=True)
+            path_m = recording.trajectory.positions_m.astype(np.float32)
+            stream.log("world/path", rr.LineStrips3D([path_m]), static=True)
+            outline = np.column_stack([recording.vehicle_outline_m, np.zeros(len(recording.vehicle_outline_m))])
+            stream.log("world/vehicle/outline", rr.LineStrips3D([np.vstack([outline, outline[:1]])]), static=True)
+            yield add
+            with _write_errors(path):
+                stream.flush()
+        finally:
+            stream.disconnect()
+
+
+@contextmanager
+def _write_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:  # the library's thread that writes has ended; why, it prints itself
+        raise OutputError(path, got=str(error), hint=DISK_HINT) from error
+
+
+def _boxes(rr: ModuleType, recording: Recording, time_ns: int) -> Any:
+    """The annotated boxes near a time, in the world."""
+    placed = [
+        (track, state.shape, recording.trajectory.world_from_vehicle(state.timestamp_ns))
+        for track in recording.tracks
+        if (state := track.state_near(time_ns, within_ns=NEAR_STATE_NS)) is not None and isinstance(state.shape, Cuboid)
+    ]
+    poses = [world_from_vehicle @ shape.vehicle_from_object for _, shape, world_from_vehicle in placed]
+    turns = [Rotation.from_matrix(pose.rotation).as_quat(scalar_first=False) for pose in poses]
+    return rr.Boxes3D(
+        centers=np.array([pose.translation_m for pose in poses]).reshape(-1, 3),
+        half_sizes=np.array([shape.size_m / 2 for _, shape, _ in placed]).reshape(-1, 3),
+        quaternions=np.array(turns).reshape(-1, 4),
+        labels=[f"{track.object_class} {track.track_id}" for track, *_ in placed],
+    )
+
+
+def write_film(
+    pipeline: FramePipeline,
+    indices: range,
+    *,
+    video: Path | None,
+    rrd: Path | None,
+    made_by: str,
+    with_method: bool,
+    progress: Progress,
+) -> list[Path]:
+    """Draw frames, those without a score as they are.
+
+    Args:
+        pipeline: processes the images of a camera.
+        indices: of images, in steps that give the rate.
+        video: the video file; None for none.
+        rrd: the file for the viewer; None for none.
+        made_by: method and protocol, in every picture.
+        with_method: ask the method; else the reference is drawn alone.
+        progress: called with the pictures done and their number.
+
+    Returns:
+        The files.
+
+    Raises:
+        UsageError: a codec that is missing.
+        OutputError: a file cannot be written.
+        DataError: an image or sweep cannot be read.
+    """
+    recording, camera = pipeline.recording, pipeline.camera
+    sweeps = SweepViewer(recording, camera)
+    rate_hz = 1e9 / recording.frame_interval_ns / indices.step
+    with ExitStack() as stack:
+        film = None if video is None else stack.enter_context(video_file(video, frame_rate_hz=rate_hz))
+        log = None if rrd is None else stack.enter_context(rerun_log(rrd, recording=recording, camera=camera.name))
+        for number, index in enumerate(indices, start=1):
+            image = pipeline.images[index]
+            sweep = sweeps.see(image)
+            try:
+                if with_method:
+                    layers = scored_layers(pipeline.process(index), label=made_by, sweep=sweep)
+                else:
+                    pixels, reference = read_image(image, camera), pipeline.reference(index)
+                    layers = reference_layers(pixels, reference, label=made_by, sweep=sweep)
+            except UnscorableFrame as reason:
+                pixels = read_image(image, camera)
+                layers = Layers(pixels=pixels, reference=None, label=made_by, note=f"no score: {reason}")
+            figure = draw_frames([layers], name=image_name(recording.name, camera.name, image.timestamp_ns))
+            picture = figures.figure_pixels(figure)
+            if film is not None:
+                film(picture)
+            if log is not None:
+                log(image, picture, sweep)
+            progress(number, len(indices))
+    return [file for file in (video, rrd) if file is not None]
+
+
+# The calibration of a camera: lidar, road, lens and ego-motion drawn onto an image, without any method.
+
+GRID_M, GRID_STEP_M, LINE_STEP_M = 10.0, 1.0, 0.05  # reach of the grid, between its lines, between points of a line
+HORIZON_POINTS = 1441
+ARROWS_ACROSS, ARROW_PX = 32, 16.0  # arrows are drawn as many times as long as makes half of them longer than this
+_WIDTH_IN, _TOP_IN, _FOOT_IN, _GAP_IN = 4.2, 0.2, 0.2, 0.08
+_FADE = 0.55
+
+
+def write_calibration(
+    recording: Recording, chosen: Mapping[str, Sequence[int]], *, out: Path, progress: Progress
+) -> list[Path]:
+    """Write `<recording>-<camera>/<index>-<image>/calibration.png` of images; the files.
+
+    Args:
+        recording: the drive.
+        chosen: indices of images by camera.
+        out: folder of the pictures.
+        progress: called with the pictures done and their number.
+
+    Raises:
+        DataError: an image or its sweep cannot be read.
+        OutputError: a file cannot be written.
+    """
+    tasks = [(name, index) for name, indices in chosen.items() for index in indices]
+    sweeps = {name: SweepViewer(recording, recording.cameras[name]) for name in chosen}
+    files = []
+    for number, (name, index) in enumerate(tasks, start=1):
+        figure = draw_calibration(recording, name, index, sweeps[name])
+        image_folder = f"{index:06d}-{file_name(recording.images[name][index].path.stem)}"
+        files.append(out / f"{file_name(recording.name)}-{file_name(name)}" / image_folder / "calibration.png")
+        write_bytes(files[-1], figures.figure_bytes(figure, "png"))
+        progress(number, len(tasks))
+    return files
+
+
+@figures.styled
+def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps: SweepViewer) -> Figure:
+    """Draw four panels of an image.
+
+    Lidar points by range where they were when the image was exposed, and as they were measured; the flow of static
+    points that lidar and ego-motion predict beside the flow seen; horizon, a grid on the road, the lens's field of view
+    and the mask of the vehicle's own body.
+
+    Args:
+        recording: the drive; it needs no annotations.
+        camera_name: one of its cameras.
+        index: of the image.
+        sweeps: of the camera.
+
+    Raises:
+        DataError: the image or its sweep cannot be read.
+    """
+    camera, image = recording.cameras[camera_name], recording.images[camera_name][index]
+    grey = faded(read_image(image, camera), _FADE)
+    height_in = _WIDTH_IN * grey.shape[0] / grey.shape[1]
+    full_in = 2 * (height_in + _TOP_IN) + _FOOT_IN
+    figure = figures.new_figure(2 * _WIDTH_IN + 3 * _GAP_IN, full_in)
+    axes = []
+    for row in (0, 1):
+        for column in (0, 1):
+            left_in = _GAP_IN + column * (_WIDTH_IN + _GAP_IN)
+            bottom_in = full_in - _TOP_IN - height_in - row * (height_in + _TOP_IN)
+            panel = figures.axes_at(figure, left_in, bottom_in, _WIDTH_IN, height_in)
+            show_image(panel, grey)
+            axes.append(panel)
+    _draw_points(axes[0], "(a) lidar at the exposure, by range", sweeps.see(image))
+    as_measured = sweeps.see(image, compensated=False)
+    _draw_points(axes[1], "(b) lidar as measured, without motion compensation", as_measured)
+    _draw_flow(axes[2], recording, camera, index)
+    _draw_geometry(axes[3], camera)
+    name = image_name(recording.name, camera_name, image.timestamp_ns)
+    figure.text(0.5, 0.06 / full_in, f"{name}; points from {NEAREST_M:g} m, yellow, to {FARTHEST_M:g} m, dark",
+                ha="center", va="bottom", fontsize=6.5)  # fmt: skip
+    return figure
+
+
+def _draw_points(axes: Axes, title: str, seen: SeenSweep | None) -> None:
+    some = seen is not None and len(seen.pixels) > 0
+    axes.set_title(title if some else f"{title}: no points within 100 ms", pad=3)
+    if seen is not None:
+        draw_points(axes, seen, size=0.35)
+
+
+def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: int) -> None:
+    """Arrows to where a static point is from where it was in the image before, as predicted and as seen."""
+    flow = seen_flow(recording, reduced(camera), index) if index else None
+    arrows = None if flow is None else _arrows(recording, camera, flow)
+    if arrows is None:
+        told = ": too little motion or texture"
+    elif not arrows.size:
+        told = ": none where there is flow"
+    else:
+        current, predicted, seen = arrows
+        told = f"; they differ by {np.median(np.linalg.norm(predicted - seen, axis=1)):.1f} px"
+        times = max(1, round(ARROW_PX / max(float(np.median(np.linalg.norm(seen - current, axis=1))), 0.1)))
+        for ends, colour, width in ((predicted, figures.VERMILION, 0.9), (seen, figures.SKY_BLUE, 0.5)):
+            axes.quiver(
+                *(current - times * (current - ends)).T, *times * (current - ends).T, color=colour, angles="xy",
+                scale_units="xy", scale=1.0, width=width / 72 / _WIDTH_IN, headwidth=4, headlength=5, zorder=4,
+            )  # fmt: skip
+        axes.text(
+            0.01, 0.015, f"arrows {times} times as long as the flow; the median of the differences is said above",
+            transform=axes.transAxes, fontsize=5.5, color="white",
+        )  # fmt: skip
+    axes.set_title(f"(c) flow of what stands: predicted red, seen blue{told}", pad=3)
+
+
+def _arrows(recording: Recording, camera: MountedCamera, flow: SeenFlow) -> NDArray[np.float64]:
+    """(3, K, 2), px, of a point in each cell of a grid: its place, its place before as predicted, and as seen."""
+    small = reduced(camera)
+    pixels = []
+    for time_ns in (flow.current_ns, flow.previous_ns):
+        world_from_camera = recording.trajectory.world_from_vehicle(time_ns) @ camera.vehicle_from_camera
+        pixels.append(_project(world_from_camera.inverse().apply(flow.points_world), small))
+    (current, now), (previous, before) = pixels
+    rows = np.flatnonzero(now & before)
+    u, v = np.round(current[rows]).astype(int).T
+    seen = current[rows] + flow.flow[np.clip(v, 0, small.model.height - 1), np.clip(u, 0, small.model.width - 1)]
+    places = np.stack([current[rows], previous[rows], seen])[:, np.isfinite(seen).all(axis=1)]
+    step = small.model.width / ARROWS_ACROSS
+    cells = (places[0] // step).astype(int) @ np.array([1, ARROWS_ACROSS + 1])
+    _, first = np.unique(cells, return_index=True)
+    return (places[:, first] + 0.5) * (camera.model.width / small.model.width) - 0.5
+
+
+def _draw_geometry(axes: Axes, camera: MountedCamera) -> None:
+    road = camera.road
+    up = -road.down
+    forward = camera.vehicle_from_camera.inverse().rotate(np.array([1.0, 0.0, 0.0]))
+    ahead = forward - (forward @ up) * up
+    ahead /= np.linalg.norm(ahead)
+    left = np.cross(up, ahead)
+    turn = np.linspace(0.0, 2 * np.pi, HORIZON_POINTS)[:, None]
+    _draw_line(axes, np.cos(turn) * ahead + np.sin(turn) * left, camera, colour=figures.YELLOW, width=1.1)
+    foot = road.down * road.height_m - (camera.vehicle_from_camera.translation_m[:2] @ np.eye(2, 3)) @ np.stack(
+        [ahead, left, up]
+    )
+    along = np.arange(-GRID_M, GRID_M + LINE_STEP_M / 2, LINE_STEP_M)[:, None]
+    for across in np.arange(-GRID_M, GRID_M + GRID_STEP_M / 2, GRID_STEP_M):
+        for points in (foot + along * ahead + across * left, foot + across * ahead + along * left):
+            fifth = round(across / GRID_STEP_M) % 5 == 0
+            _draw_line(axes, points, camera, colour=figures.SKY_BLUE, width=0.9 if fifth else 0.35)
+    valid = ray_grid(camera.model).valid
+    if not valid.all():
+        axes.contour(valid, levels=[0.5], colors=[figures.GREEN], linewidths=1.0)
+    if camera.ego_body is not None and camera.ego_body.any():
+        axes.contour(camera.ego_body, levels=[0.5], colors=[figures.VERMILION], linewidths=1.0)
+    axes.set_title("(d) horizon yellow, road by metres blue, lens green, own body red", pad=3)
+
+
+def _draw_line(
+    axes: Axes, points_camera: NDArray[np.float64], camera: MountedCamera, *, colour: str, width: float
+) -> None:
+    pixels, seen = _project(points_camera, camera)
+    axes.plot(*np.where(seen[:, None], pixels, np.nan).T, color=colour, linewidth=width, zorder=3)
+
+
+def _project(
+    points_camera: NDArray[np.float64], camera: MountedCamera
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Pixels, (N, 2), and which of them are in the image."""
+    pixels, valid = camera.model.project(points_camera)
+    return pixels, valid & camera.model.contains(pixels)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
-from itertools import groupby
+from itertools import count, groupby
 from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
@@ -17,9 +17,8 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bench.atomic import refuse_foreign, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation import Metric, find_metric, load_protocol
+from bench.evaluation import Metric, ObjectMetrics, Summary, find_metric, load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest
@@ -46,15 +45,16 @@ from bench.reporting.document import (
     Filters,
     Group,
     Heading,
-    Heads,
     Items,
     Paragraph,
     Table,
     to_markdown,
     to_page,
+    write_together,
 )
 from bench.reporting.run_tables import SWEEP
 
+STORED = "leaderboard.json"
 ORDERED_BY = "iou"
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
@@ -170,19 +170,34 @@ class RankedGroup(_Stored):
         return self.judged and len(self.methods) > 1 and all(entry.behind for entry in self.methods[1:])
 
     @property
-    def metrics(self) -> tuple[str, ...]:
-        """Names of the metrics of the tables."""
-        return tuple(self.entries[0].metrics)
-
-    @property
-    def data(self) -> str:
-        """Data set and split."""
-        return f"{self.dataset}, {self.split}" if self.split else self.dataset
+    def title(self) -> str:
+        """What its runs have in common."""
+        object_frames, recordings = self.cases[ALL_MOVING]
+        told = (
+            f"{self.dataset}, {self.split or 'all recordings'}, {self.protocol} "
+            f"({short_digest(self.protocol_digest)}), reference {short_digest(self.reference_digest)}: {self.images} "
+            f"images that all scored, {object_frames} object-frames, {recordings} recordings"
+        )
+        return "; ".join(filter(None, (told, self.unreviewed.rstrip("."))))
 
     def compares_with(self, other: RankedGroup) -> bool:
         """True if its values are of the same data, rules, images and reference."""
         same = ("dataset", "split", "protocol_digest", "reference_digest", "images")
         return all(getattr(self, name) == getattr(other, name) for name in same)
+
+    def ranked(self, entries: Sequence[Entry], **others: object) -> RankedGroup:
+        """The group with other entries, in the order of their IoU, each method with its rank."""
+        ranks = count(1)
+        ordered = tuple(
+            entry.model_copy(update={"rank": next(ranks) if entry.kind is Kind.METHOD else None})
+            for entry in sorted(entries, key=_best_first)
+        )
+        return self.model_copy(update={"entries": ordered} | others)
+
+
+def _best_first(entry: Entry) -> tuple[float, str]:
+    value = entry.metrics[ORDERED_BY].value
+    return (math.inf if math.isnan(value) else -value), entry.run
 
 
 class Leaderboard(_Stored):
@@ -198,6 +213,9 @@ class Leaderboard(_Stored):
     damaged: tuple[tuple[str, str], ...]
 
 
+# From runs to groups.
+
+
 def read_leaderboard(folder: Path) -> Leaderboard:
     """Find and read all runs under a folder, at any depth; the values of a sweep below it are no entries.
 
@@ -208,8 +226,8 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     groups: list[RankedGroup] = []
     for _, of_same_rules in groupby(sorted(sound, key=_data_and_rules), key=_data_and_rules):
         runs = list(of_same_rules)
-        if len({reference_of(run) for run in runs}) > 1:
-            runs = _readable(runs, damaged)
+        if len({reference_of(run) for run in runs}) > 1:  # so that all their rows are read
+            runs = [run for run in runs if _is_readable(run, damaged)]
         tables: list[list[StoredRun]] = []
         for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
             table = next((table for table in tables if in_one_table(table, run)), None)
@@ -237,35 +255,33 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
     """
     if not folder.is_dir():
         raise DataError(folder, expected="a folder of runs", got="no such folder")
-    found = {file.parent for file in folder.rglob(MANIFEST) if (file.parent.parent / ANSWERS_MANIFEST).is_file()}
-    found |= {file.parent for file in folder.glob(SUMMARY)}  # the results of one protocol, named themselves
-    found = {place for place in found if place.parents[1] == folder or not (place.parents[1] / SWEEP).is_file()}
-    if not found:
+    places = {file.parent for file in folder.rglob(MANIFEST) if (file.parent.parent / ANSWERS_MANIFEST).is_file()}
+    places |= {file.parent for file in folder.glob(SUMMARY)}  # the results of one protocol, named themselves
+    places = {place for place in places if place.parents[1] == folder or not (place.parents[1] / SWEEP).is_file()}
+    if not places:
         raise DataError(folder, expected="at least one run", got=f"no {ANSWERS_MANIFEST} at any depth")
     sound: list[StoredRun] = []
     damaged: list[tuple[str, str]] = []
-    for results in sorted(found):
-        run = results.parent
+    for place in sorted(places):
+        run = place.parent
         name = run.relative_to(folder).as_posix() if folder in run.parents else run.resolve().name
         try:
-            stored = read_run(results, label=name)
-            refuse_unscored(stored.summary, results)
+            stored = read_run(place, label=name)
+            refuse_unscored(stored.summary, place)
             sound.append(stored)
         except BenchError as error:
-            damaged.append((f"{name}/{results.name}", str(error)))
+            damaged.append((f"{name}/{place.name}", str(error)))
     return sound, damaged
 
 
-def _readable(runs: Sequence[StoredRun], damaged: list[tuple[str, str]]) -> list[StoredRun]:
-    """The runs whose tables can be read; the others are listed as damaged."""
-    readable = []
-    for run in runs:
-        try:
-            reference_digest(run.objects, run.frames)
-            readable.append(run)
-        except BenchError as error:
-            damaged.append((f"{run.label}/{run.folder.name}", str(error)))
-    return readable
+def _is_readable(run: StoredRun, damaged: list[tuple[str, str]]) -> bool:
+    """Whether all tables of a run can be read; if not, it is listed as damaged."""
+    try:
+        reference_digest(run.objects, run.frames)
+    except BenchError as error:
+        damaged.append((f"{run.label}/{run.folder.name}", str(error)))
+        return False
+    return True
 
 
 def _data_and_rules(run: StoredRun) -> tuple[str, str, str]:
@@ -274,76 +290,62 @@ def _data_and_rules(run: StoredRun) -> tuple[str, str, str]:
 
 def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
     """Take runs that compare over the images that all of them scored, and rank them."""
-    compared, reference = on_common_images(runs)
+    compared = on_common_images(runs)
     first, metrics = runs[0].manifest, compared[0].metrics
-    judged = first.protocol.name == RANKING_PROTOCOL
-    rows = {name: row for name, row in metrics.categories.items() if row.object_frames}
-    rows = {ALL_MOVING: metrics.all_moving} | rows
-    highest = ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1]
-    shown = (ORDERED_BY, "tpr_all", highest)
+    cases = {
+        name: (row.object_frames, row.recordings)
+        for name, row in _rows(metrics).items()
+        if row.object_frames or name == ALL_MOVING
+    }
     differing = differing_settings([run.manifest for run in runs], hidden=HIDDEN_SETTINGS)
-    entries = [_entry(run, own, rows=tuple(rows), shown=shown) for run, own in zip(compared, differing, strict=True)]
-    pairs = sorted(zip(entries, compared, strict=True), key=lambda pair: _best_first(pair[0]))
-    leading = next((run for entry, run in pairs if entry.kind is Kind.METHOD), None)
-    ranked = []
-    for entry, run in pairs:
-        if judged and leading is not None and entry.kind is Kind.METHOD and run is not leading:
-            behind = what_is_shown_of(run, leading, ORDERED_BY) is Shown.BETTER
-            entry = entry.model_copy(update={"behind": behind})
-        ranked.append(entry)
-    return RankedGroup(
+    pairs = [(_entry(run, own, rows=cases), run) for run, own in zip(compared, differing, strict=True)]
+    group = RankedGroup(
         dataset=first.dataset.name,
         split=first.dataset.split,
         protocol=first.protocol.name,
         protocol_digest=first.protocol.digest,
-        reference_digest=reference,
+        reference_digest=reference_of(compared[0]),
         images=metrics.images.evaluated,
-        cases={name: (row.object_frames, row.recordings) for name, row in rows.items()},
-        ceilings={name: _ceilings(name, entries, compared) for name in rows},
-        entries=_ranked(ranked),
+        cases=cases,
+        ceilings={name: _ceilings(name, pairs) for name in cases},
+        entries=(),
         unreviewed=next((run.summary.unreviewed for run in runs if run.summary.unreviewed), ""),
     )
+    methods = sorted((pair for pair in pairs if pair[0].kind is Kind.METHOD), key=lambda pair: _best_first(pair[0]))
+    behind = {
+        entry.run: what_is_shown_of(run, methods[0][1], ORDERED_BY) is Shown.BETTER
+        for entry, run in (methods[1:] if group.judged else [])
+    }
+    return group.ranked([entry.model_copy(update={"behind": behind.get(entry.run)}) for entry, _ in pairs])
 
 
-def _ranked(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """In their order by IoU, each method with its rank."""
-    ordered = sorted(entries, key=_best_first)
-    ranks = iter(range(1, len(ordered) + 1))
-    return tuple(e.model_copy(update={"rank": next(ranks) if e.kind is Kind.METHOD else None}) for e in ordered)
+def _rows(metrics: Summary) -> dict[str, ObjectMetrics]:
+    return {ALL_MOVING: metrics.all_moving} | metrics.categories
 
 
-def _best_first(entry: Entry) -> tuple[float, str]:
-    value = entry.metrics[ORDERED_BY].value
-    return (math.inf if math.isnan(value) else -value), entry.run
-
-
-def _ceilings(row: str, entries: Sequence[Entry], runs: Sequence[StoredRun]) -> dict[str, float]:
+def _ceilings(row: str, pairs: Sequence[tuple[Entry, StoredRun]]) -> dict[str, float]:
     """Values of the exact masks: all of their own run; without it, two that runs of data with truth know."""
-    exact = next((entry for entry in entries if entry.kind is Kind.CEILING), None)
-    if exact is not None:
-        known = {name: metric.value for name, metric in exact.values[row].items() if not name.startswith("chance")}
-    else:
-        of_row = [run.metrics.all_moving if row == ALL_MOVING else run.metrics.categories[row] for run in runs]
-        known = {
-            name.removeprefix("ceiling_"): metrics.metric(name).value
-            for metrics in of_row
-            for name in metrics.metric_names()
-            if name.startswith("ceiling_")
-        }
-    return {name: value for name, value in known.items() if not math.isnan(value)}
+    known: dict[str, Metric] = {}
+    for entry, run in pairs:
+        metrics = _rows(run.metrics)[row]
+        ceilings = [name for name in metrics.metric_names() if name.startswith("ceiling_")]
+        known |= {name.removeprefix("ceiling_"): metrics.metric(name) for name in ceilings}
+        if entry.kind is Kind.CEILING:
+            known = entry.values[row]
+            break
+    return {name: metric.value for name, metric in known.items() if not math.isnan(metric.value)}
 
 
-def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Sequence[str], shown: Sequence[str]) -> Entry:
-    summary, compared, code, method = run.summary, run.metrics, run.manifest.code, run.manifest.method
-    commit = "" if code.commit is None else f" {short_digest(code.commit)}"
-    false = compared.false_positives
-    of_images = {
-        FALSE_POSITIVES: false.coverage, formats.LARGE_FALSE: false.frame_rate, OF_PIXELS: compared.segmentation.iou
-    }  # fmt: skip
-    of_rows = {ALL_MOVING: compared.all_moving} | compared.categories
+def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Mapping[str, object]) -> Entry:
+    summary, metrics, code, method = run.summary, run.metrics, run.manifest.code, run.manifest.method
+    false, highest = (
+        metrics.false_positives,
+        ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1],
+    )
+    of_images = {FALSE_POSITIVES: false.coverage, formats.LARGE_FALSE: false.frame_rate,
+                 OF_PIXELS: metrics.segmentation.iou}  # fmt: skip
     changed = [f"{name}={value}" for name, value in method.changed_settings().items() if name in differing]
     known = method.is_own and method.place == known_methods().get(method.name)
-    first, *others = shown
     return Entry(
         run=run.label,
         folder=run.folder,
@@ -353,13 +355,14 @@ def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Sequence[st
         code_file=method.place.partition(":")[0].replace(".", "/") + ".py" if method.is_own else "",
         kind=_kind(run.manifest),
         values={
-            row: {first: of_rows[row].metric(first)} | of_images | {name: of_rows[row].metric(name) for name in others}
-            for row in rows
+            name: {ORDERED_BY: row.iou, **of_images, "tpr_all": row.tpr_all, highest: row.metric(highest)}
+            for name, row in _rows(metrics).items()
+            if name in rows
         },
         images=summary.images.evaluated,
         cost_ms=_cost_ms(run),
         date=summary.provenance.started_utc[:10],
-        code=f"{code.version}{commit}",
+        code=code.version if code.commit is None else f"{code.version} {short_digest(code.commit)}",
         failures=len(summary.failures),
         verified=is_verified(run),
     )
@@ -381,17 +384,6 @@ def _cost_ms(run: StoredRun) -> float | None:
     return 1e3 * float(np.nanmedian(seconds)) if np.isfinite(seconds).any() else None
 
 
-# The stored form, which comes with the package.
-
-
-def read_stored(file: Path) -> Leaderboard | None:
-    """A stored `leaderboard.json`; None where there is none, or one of another schema."""
-    try:
-        return Leaderboard.model_validate_json(file.read_bytes())
-    except (OSError, ValidationError):
-        return None
-
-
 def with_shipped(board: Leaderboard, file: Path) -> Leaderboard:
     """Put the shipped rows beside the runs that compare with them: same data, protocol, images and reference.
 
@@ -399,10 +391,12 @@ def with_shipped(board: Leaderboard, file: Path) -> Leaderboard:
 
     Args:
         board: of a folder.
-        file: `leaderboard.json`.
+        file: `leaderboard.json`; where there is none, or one of another schema, no row is added.
     """
-    stored = read_stored(file)
-    shipped = () if stored is None else stored.groups
+    try:
+        shipped = Leaderboard.model_validate_json(file.read_bytes()).groups
+    except (OSError, ValidationError):
+        return board
     return board.model_copy(update={"groups": tuple(_beside_shipped(group, shipped) for group in board.groups)})
 
 
@@ -411,11 +405,9 @@ def _beside_shipped(group: RankedGroup, shipped: Sequence[RankedGroup]) -> Ranke
     if same is None:
         return group
     own = {entry.method for entry in group.entries}
-    others = [
-        entry.model_copy(update={"shipped": True, "behind": None}) for entry in same.entries if entry.method not in own
-    ]
+    others = [e.model_copy(update={"shipped": True, "behind": None}) for e in same.entries if e.method not in own]
     ceilings = {row: same.ceilings[row] | known for row, known in group.ceilings.items()}
-    return group.model_copy(update={"entries": _ranked([*group.entries, *others]), "ceilings": ceilings})
+    return group.ranked([*group.entries, *others], ceilings=ceilings)
 
 
 # For people.
@@ -442,47 +434,46 @@ NOTES = (
 def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:
     """A table per group over all moving objects, readable at 110 columns; then how to read them."""
     for group in board.groups:
-        names = [name for name in group.metrics if name != OF_PIXELS]
-        yield replace(_table(group, names, {}), title=group_title(group))
+        yield replace(_main_table(group, without=OF_PIXELS), title=group.title)
     yield from (Paragraph(note, "dim") for note in NOTES)
 
 
-def group_title(group: RankedGroup) -> str:
-    """Return the title of a group: what its runs have in common."""
-    object_frames, recordings = group.cases[ALL_MOVING]
-    unreviewed = f"; {group.unreviewed.rstrip('.')}" if group.unreviewed else ""
-    return (
-        f"{group.dataset}, {group.split or 'all recordings'}, {group.protocol} ({short_digest(group.protocol_digest)}),"
-        f" reference {short_digest(group.reference_digest)}: {group.images} images that all scored, {object_frames} "
-        f"object-frames, {recordings} recordings{unreviewed}"
-    )
-
-
-def _table(group: RankedGroup, names: Sequence[str], pages: Mapping[str, str]) -> Table:
-    """Metrics over all moving objects, with a bar, the interval across it, and a tick at its ceiling."""
-    ceilings = group.ceilings[ALL_MOVING]
-    rows: list[list[object]] = [
-        [_rank(group, e), _named(e, pages),
-         *(formats.bar_cell(e.metrics[name], tick=ceilings.get(name)) for name in names), e.cost_ms]
-        for e in group.entries
-    ]  # fmt: skip
-    headings = [find_metric(name).label for name in names]
-    columns: list[Heads] = ["Rank", "Method, run", *headings, Column("ms per image", "{:.1f}".format)]
-    lines = _ceiling_line(group, [(ALL_MOVING, name) for name in names], more=1)
-    return Table(title=formats.LABELS[ALL_MOVING], columns=columns, rows=[*lines, *rows], words=2)
+def _main_table(group: RankedGroup, *, out: Path | None = None, without: str = "") -> Table:
+    """Metrics over all moving objects, and the cost; names lead to the pages of runs inside `out`."""
+    names = [name for name in group.entries[0].metrics if name != without]
+    columns = {(ALL_MOVING, name): find_metric(name).label for name in names}
+    return _table(group, columns, title=formats.LABELS[ALL_MOVING], out=out, costs=True)
 
 
 def _kinds_table(group: RankedGroup) -> Table:
     """IoU of each kind of motion."""
-    kinds = [row for row in group.cases if row != ALL_MOVING]
-    headings = [f"{formats.LABELS[name]} ({group.cases[name][0]}, {group.cases[name][1]})" for name in kinds]
-    columns: list[Heads] = ["Rank", "Method", *(Column(text, formats.metric_cell) for text in headings)]
-    rows: list[list[object]] = [
-        [_rank(group, e), _named(e, {}), *(e.values[name][ORDERED_BY] for name in kinds)] for e in group.entries
-    ]
-    lines = _ceiling_line(group, [(name, ORDERED_BY) for name in kinds])
-    title = "IoU by kind of motion (object-frames, recordings)"
-    return Table(title=title, columns=columns, rows=[*lines, *rows], words=2)
+    columns = {
+        (name, ORDERED_BY): f"{formats.LABELS[name]} ({object_frames}, {recordings})"
+        for name, (object_frames, recordings) in group.cases.items()
+        if name != ALL_MOVING
+    }
+    return _table(group, columns, title="IoU by kind of motion (object-frames, recordings)")
+
+
+def _table(
+    group: RankedGroup,
+    columns: Mapping[tuple[str, str], str],
+    *,
+    title: str,
+    out: Path | None = None,
+    costs: bool = False,
+) -> Table:
+    """Metrics of rows with a bar, the interval across it and a tick at the ceiling; the ceiling first if not a run."""
+    ceilings = {key: group.ceilings[key[0]].get(key[1]) for key in columns}
+    rows: list[list[object]] = []
+    if any(ceilings.values()) and all(entry.kind is not Kind.CEILING for entry in group.entries):
+        line = [None if value is None else Cell(formats.percent(value)) for value in ceilings.values()]
+        rows.append(["", Cell("ceiling: the exact masks", style="dim"), *line, *([None] if costs else [])])
+    for entry in group.entries:
+        cells = [formats.bar_cell(entry.values[row][name], tick=tick) for (row, name), tick in ceilings.items()]
+        rows.append([_rank(group, entry), _named(entry, out), *cells, *([entry.cost_ms] if costs else [])])
+    cost = [Column("ms per image", "{:.1f}".format)] if costs else []
+    return Table(title=title, columns=["Rank", "Method, run", *columns.values(), *cost], rows=rows, words=2)
 
 
 def _rank(group: RankedGroup, entry: Entry) -> Cell:
@@ -494,7 +485,7 @@ def _rank(group: RankedGroup, entry: Entry) -> Cell:
     return Cell(str(entry.rank), () if entry.behind else ("or 1",))
 
 
-def _named(entry: Entry, pages: Mapping[str, str]) -> Cell:
+def _named(entry: Entry, out: Path | None) -> Cell:
     """The method, the kind of what is none, what is to be known of the run; its key and the run's folder below."""
     told = {
         entry.kind.value: entry.kind is not Kind.METHOD,
@@ -502,27 +493,18 @@ def _named(entry: Entry, pages: Mapping[str, str]) -> Cell:
         "verified": entry.verified,
         "shipped": entry.shipped,
     }
-    text = ", ".join([entry.method, *(words for words, true in told.items() if true)])
     return Cell(
-        text,
+        ", ".join([entry.method, *(words for words, true in told.items() if true)]),
         ("masks of `evaluate`" if entry.key == PREDICTED else f"--method {entry.key}", entry.run),
         "" if entry.kind is Kind.METHOD else "dim",
-        link=pages.get(entry.run, ""),
+        link="" if out is None or entry.shipped else _page(entry.folder, out.resolve()),
     )
 
 
-def _ceiling_line(group: RankedGroup, keys: Sequence[tuple[str, str]], *, more: int = 0) -> list[list[object]]:
-    """Return the line of the exact masks, where no run of them stands in the table anyway."""
-    values = [group.ceilings[row].get(name) for row, name in keys]
-    if any(entry.kind is Kind.CEILING for entry in group.entries) or not any(values):
-        return []
-    cells = [None if value is None else Cell(formats.percent(value)) for value in values]
-    return [["", Cell("ceiling: the exact masks", style="dim"), *cells, *[None] * more]]
-
-
-def _group(group: RankedGroup, pages: Mapping[str, str]) -> Group:
-    tables = [_table(group, group.metrics, pages), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
-    return Group(title=group_title(group), blocks=tables, tags={"dataset": group.data, "protocol": group.protocol})
+def _page(run: Path, out: Path) -> str:
+    """Address of the page of a run inside `out`; of others "", which do not travel with the leaderboard."""
+    page = (run / "index.html").resolve()
+    return quote(page.relative_to(out).as_posix()) if page.is_relative_to(out) and page.is_file() else ""
 
 
 def _methods(board: Leaderboard) -> Group:
@@ -534,13 +516,13 @@ def _methods(board: Leaderboard) -> Group:
     return Group(look="section", name="methods", title="The methods", blocks=[table])
 
 
-def best_groups(board: Leaderboard) -> Iterator[RankedGroup]:
-    """For each data set the group under the protocol that ranks whose first method leads; oracles are none."""
+def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
+    """Of each data set who leads under the protocol that ranks, in the group of most methods."""
     today = load_protocol(RANKING_PROTOCOL).digest
     for dataset in dict.fromkeys(group.dataset for group in board.groups):
         judged = [g for g in board.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
         if judged:
-            yield max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods)))
+            yield _leader(max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods))))
 
 
 def _leader(group: RankedGroup) -> Paragraph:
@@ -562,56 +544,41 @@ def _leader(group: RankedGroup) -> Paragraph:
 
 
 def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
-    """Write `index.html`, `leaderboard.md` and `.json`, each file whole or not at all.
+    """Write `index.html`, `leaderboard.json` and `.md`, each file whole or not at all; the files, the page first.
 
     Args:
         board: the runs.
         out: folder, is made.
-
-    Returns:
-        The files, the page first.
     """
     faults = Items([f"{run}: {fault}" for run, fault in board.damaged])
     damaged = Group(look="section", name="damaged", title="Runs that cannot be read", blocks=[faults])
     unread = [damaged] if board.damaged else []
     notes = [Paragraph(note, "dim") for note in NOTES]
-    first = board.groups[0] if board.groups else None
-    choices = [
-        Choice("dataset", "Data set", "" if first is None else first.data),
-        Choice("protocol", "Protocol", "" if first is None else first.protocol),
-    ]
-    tables = [_group(group, _pages(group, out)) for group in board.groups]
+    tables = [_group(group, out) for group in board.groups]
+    first: Mapping[str, str] = tables[0].tags if tables else {}
+    choices = [Choice(tag, label, first.get(tag, "")) for tag, label in TAGS.items()]
     page: list[Block] = [
         Paragraph(ABOUT),
-        *map(_leader, best_groups(board)),
+        *_leaders(board),
         Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
         _methods(board),
         Group(look="section", name="how", title="How to read it", blocks=notes),
         *unread,
     ]
-    sections = [Group(look="section", title=group_title(g), blocks=_group(g, {}).blocks) for g in board.groups]
-    text = to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *unread])
-    own = board.model_copy(update={"groups": _own(board)}).model_dump_json() + "\n"
-    files = {"index.html": to_page(TITLE, page, folder=out), "leaderboard.json": own, "leaderboard.md": text}
-    if not (out / "leaderboard.json").is_file():  # beside which Markdown, which shows nothing of its kind, is ours
-        refuse_foreign(out / "leaderboard.md")
-    for name in ("index.html", "leaderboard.json"):
-        refuse_foreign(out / name, files[name])
-    for name, content in files.items():
-        write_text(out / name, content)
-    return tuple(out / name for name in files)
+    sections = [replace(table, look="section") for table in tables]
+    own = [g.model_copy(update={"entries": tuple(e for e in g.entries if not e.shipped)}) for g in board.groups]
+    texts = {
+        "index.html": to_page(TITLE, page, folder=out),
+        STORED: board.model_copy(update={"groups": tuple(own)}).model_dump_json() + "\n",
+        "leaderboard.md": to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *unread]),
+    }
+    return write_together(out, texts)
 
 
-def _own(board: Leaderboard) -> tuple[RankedGroup, ...]:
-    """The groups without the shipped rows."""
-    return tuple(
-        group.model_copy(update={"entries": tuple(entry for entry in group.entries if not entry.shipped)})
-        for group in board.groups
-    )
+TAGS = {"dataset": "Data set", "protocol": "Protocol"}  # of tables, by which the page filters them
 
 
-def _pages(group: RankedGroup, out: Path) -> dict[str, str]:
-    """Addresses of the pages of runs inside `out`; others do not travel with the leaderboard and are no links."""
-    pages = {entry.run: (entry.folder / "index.html").resolve() for entry in group.entries if not entry.shipped}
-    inside = {run: page for run, page in pages.items() if page.is_relative_to(out.resolve()) and page.is_file()}
-    return {run: quote(page.relative_to(out.resolve()).as_posix()) for run, page in inside.items()}
+def _group(group: RankedGroup, out: Path) -> Group:
+    data = f"{group.dataset}, {group.split}" if group.split else group.dataset
+    tables = [_main_table(group, out=out), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
+    return Group(title=group.title, blocks=tables, tags=dict(zip(TAGS, (data, group.protocol), strict=True)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,8 @@ from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.harness import ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
-from bench.plain_text import counted
 from bench.reference import Status
-from bench.reporting import formats
+from bench.reporting import figures, formats
 from bench.reporting.document import (
     Block,
     Cell,
@@ -46,9 +45,8 @@ from bench.reporting.document import (
     Table,
     to_page,
 )
-from bench.reporting.figures import draw_charts, figure_uri
-from bench.reporting.frame import draw_close_up, draw_frames, scored_layers
-from bench.reporting.frame_pictures import ImageKey, draw_images, draw_panels, example_frames
+from bench.reporting.frame import draw_close_up, draw_frames, draw_panels, scored_layers
+from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
     is_rendered,
     left_out_note,
@@ -60,7 +58,6 @@ from bench.reporting.run_tables import (
 
 WORST = 3  # of each kind
 EXAMPLES = 2  # pictures that a reader sees first
-LEAST_OBJECT_FRAMES = 10  # of fewer nothing is said
 COLOURS = "Green is found, blue missed, orange wrongly marked."
 
 
@@ -74,20 +71,17 @@ def tiles(metrics: Summary, *, large_px: int) -> Table:
         metrics: of the run.
         large_px: pixels that a large false component exceeds.
     """
-    row, shown = metrics.all_moving, dict[str, Cell]()
-    for name, metric in (
-        formats.headline_metrics(metrics) | {formats.LARGE_FALSE: metrics.false_positives.frame_rate}
-    ).items():
-        cell = replace(formats.metric_cell(metric), style="strong")
+    row, false = metrics.all_moving, metrics.false_positives
+    shown = {}
+    for name, metric in (formats.headline_metrics(metrics) | {formats.LARGE_FALSE: false.frame_rate}).items():
         if name == formats.LARGE_FALSE:
             about = f"of the images have a false patch of more than {large_px} px"
         elif find_metric(name).over == IMAGE_FRAMES:
             about = f"of the image wrongly marked; over {metric.cases} images"
-        elif row.object_frames < LEAST_OBJECT_FRAMES:
-            cell, about = Cell("n/a", (), "strong"), f"{row.object_frames} object-frames, fewer than 10"
         else:
             about = "; ".join(filter(None, (_bound_note(name, row), f"over {row.object_frames} object-frames")))
-        shown[find_metric(name).label] = replace(cell, below=(*cell.below, about))
+        cell = formats.metric_cell(metric)
+        shown[find_metric(name).label] = replace(cell, below=(*cell.below, about), style="strong")
     return Table(columns=list(shown), rows=[list(shown.values())], words=0, look="tiles")
 
 
@@ -99,22 +93,8 @@ def _bound_note(name: str, row: ObjectMetrics) -> str:
     return f"{other.partition('_')[0]} {formats.percent(row.metric(other).value)}"
 
 
-def lowest_of(rows: Mapping[str, ObjectMetrics]) -> str | None:
-    """The row with the lowest IoU; None where no interval of another lies wholly above its own."""
-    known = {
-        name: (row.iou.value, *row.iou.ci95)
-        for name, row in rows.items()
-        if row.object_frames >= LEAST_OBJECT_FRAMES and row.iou.ci95
-    }
-    lowest = min(known, key=lambda name: known[name][0], default=None)
-    if lowest is None or all(low <= known[lowest][2] for _, low, _ in known.values()):
-        return None
-    return lowest
-
-
 BREAKDOWN_METRICS = ("iou", "tpr_all", "detection_rate_50", "detection_rate", "unknown_share")
 BREAKDOWNS = {  # caption and heading of the first column, by name
-    "categories": ("By kind of motion", "kind"),
     "object_class": ("By class", "class"),
     "range_m": ("By range", "nearest point (m)"),
     "speed_mps": ("By the object's own speed", "speed (m/s)"),
@@ -125,49 +105,29 @@ BREAKDOWNS = {  # caption and heading of the first column, by name
 }
 
 
-def breakdowns(metrics: Summary) -> dict[str, dict[str, ObjectMetrics]]:
-    """Each way to sort the object-frames: its slices that have any, the kinds of motion first, of lowest IoU first."""
-    every = {"categories": {formats.LABELS[name]: row for name, row in metrics.categories.items()}} | metrics.breakdowns
-    filled = {name: {key: row for key, row in rows.items() if row.object_frames} for name, rows in every.items()}
-    filled["categories"] = dict(sorted(filled["categories"].items(), key=lambda item: item[1].iou.value))
-    return {name: rows for name, rows in filled.items() if rows}
-
-
-def breakdown_table(name: str, rows: Mapping[str, ObjectMetrics]) -> Table:
-    """One way to sort the object-frames; the lowest IoU is marked where it is clearly lower.
-
-    Args:
-        name: of `BREAKDOWNS`.
-        rows: by name of the slice; what all of them have is shown.
-    """
-    title, heading = BREAKDOWNS[name]
-    names = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
-    lowest = lowest_of(rows)
-    return Table(
-        title=title,
-        columns=[heading, *(find_metric(name).label for name in names), "object-frames", "objects", "recordings"],
-        rows=[
+def breakdown_tables(metrics: Summary) -> list[Table]:
+    """Each way to sort the object-frames, of those slices that have any; what all of these have is shown."""
+    tables = []
+    for breakdown, every in metrics.breakdowns.items():
+        rows = {key: row for key, row in every.items() if row.object_frames}
+        names = [name for name in BREAKDOWN_METRICS if all(name in row.metric_names() for row in rows.values())]
+        title, heading = BREAKDOWNS[breakdown]
+        columns = [heading, *(find_metric(name).label for name in names), "object-frames", "objects", "recordings"]
+        cells = [
             [key]
-            + [formats.bar_cell(row.metric(n), _bound_note(n, row), lowest=n == "iou" and key == lowest) for n in names]
+            + [formats.bar_cell(row.metric(name), _bound_note(name, row)) for name in names]
             + [row.object_frames, row.tracks, row.recordings]
             for key, row in rows.items()
-        ],
-    )
+        ]
+        tables += [Table(title=title, columns=columns, rows=cells)] if rows else []
+    return tables
 
 
 def remarks(metrics: Summary) -> Iterator[Paragraph]:
-    """What a reader should know first: where IoU is clearly lower than elsewhere, and what could not be scored."""
-    split = breakdowns(metrics)
-    if "categories" not in split:
+    """What a reader should know first: what could not be scored."""
+    if not metrics.all_moving.object_frames:
         why = not_annotated(metrics) or "No object-frame was evaluated: there is nothing to say of moving objects."
         yield Paragraph(why, "warn")
-    lowest = {name: key for name, rows in split.items() if (key := lowest_of(rows))}
-    named = [
-        f"{BREAKDOWNS[name][0].lower()}: {key} with {formats.percent(split[name][key].iou.value)}"
-        for name, key in lowest.items()
-    ]
-    if named:
-        yield Paragraph(f"IoU is clearly lower than elsewhere, {'; '.join(named)}.", "bad")
     images = metrics.images
     if left := images.failed + images.skipped:
         yield Paragraph(f"{left} of {images.images} images could not be scored; the last section says why.", "bad")
@@ -180,7 +140,9 @@ def _examples(run: StoredRun) -> Iterator[Block]:
     uris, problems = draw_images(
         [run],
         titles,
-        lambda key, frames, _: figure_uri(draw_frames([scored_layers(frames[0])], name=formats.image_name(*key))),
+        lambda key, frames, _: figures.figure_uri(
+            draw_frames([scored_layers(frames[0])], name=formats.image_name(*key))
+        ),
     )
     yield from map(_missing, problems)
     yield Group(look="pairs", blocks=[Picture(uris[key], title, title) for key, title in titles.items() if key in uris])
@@ -248,14 +210,12 @@ def object_facts(row: Row) -> str:
 
 def image_facts(row: Row) -> str:
     """What was measured of the false positives of an image, a row of `FRAMES_SCHEMA` with `coverage`."""
-    false_px = max(row["fp_px"], 1)
     causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
     cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
-    most = f"; most by {cause.replace('_', ' ')}, {_percent(pixels / false_px)}" if cause else ""
+    most = f", most by {cause.replace('_', ' ')}, {_percent(pixels / max(row['fp_px'], 1))}" if cause else ""
     return (
-        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches, the largest with "
-        f"{_percent(row['fp_largest_px'] / false_px)} of it; {_percent(1 - row['fp_unattached_px'] / false_px)} in "
-        f"patches that touch an object{most}; ego vehicle {row['ego_speed_mps']:.1f} m/s"
+        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches{most}; "
+        f"ego vehicle {row['ego_speed_mps']:.1f} m/s"
     )
 
 
@@ -263,26 +223,22 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorstCases:
-    """The worst of each category and of the images.
+Elements = Mapping[tuple[str, str, int, str], str]  # recording, camera, time and track -> id of the box on the page
 
-    Attributes:
-        groups: of boxes, the worst first.
-        elements: recording, camera, time and track of those with pictures, and the id of their box.
+
+def worst_cases(
+    run: StoredRun, *, pictures: bool, progress: Progress | None = None
+) -> tuple[list[Group], Elements, list[str]]:
+    """Choose the worst object-frames and images, and draw them.
+
+    Returns:
+        groups: of boxes, one for each category and one of the images, the worst first.
+        elements: of those with pictures.
         missing: why pictures are missing, one line each.
     """
-
-    groups: Sequence[Group]
-    elements: Mapping[tuple[str, str, int, str], str]
-    missing: Sequence[str]
-
-
-def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = None) -> WorstCases:
-    """Choose the worst object-frames and images, and draw them."""
     objects, images = worst_objects(run.objects, most=WORST), worst_frames(run.frames, most=WORST)
     keys = {_image_key(row) for row in (*objects, *images)} if pictures else set()
-    drawn, problems = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
+    drawn, missing = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
     none = [Paragraph(f"No picture: {'the data set was not available' if pictures else 'none was asked for'}.", "warn")]
     boxes: dict[str, list[Group]] = {}
     elements = {}
@@ -296,8 +252,7 @@ def worst_cases(run: StoredRun, *, pictures: bool, progress: Progress | None = N
         of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
         if key in drawn:
             elements[(*key, track)] = element
-    groups = [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()]
-    return WorstCases(groups=groups, elements=elements, missing=problems)
+    return [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()], elements, missing
 
 
 def _image_key(row: Row) -> ImageKey:
@@ -308,12 +263,12 @@ def _pictures(processed: ProcessedFrame) -> dict[str, str]:
     """Addresses of the "areas", of the "panels", and of each evaluated object enlarged, "track <id>"."""
     reference, name, layers = processed.reference, formats.frame_name(processed.reference), scored_layers(processed)
     drawn = {
-        f"track {target.track_id}": figure_uri(draw_close_up(layers, target, name=name))
+        f"track {target.track_id}": figures.figure_uri(draw_close_up(layers, target, name=name))
         for target in reference.objects
         if target.status is Status.EVALUATED
     }
-    panels = figure_uri(draw_panels(processed))
-    return drawn | {"areas": figure_uri(draw_frames([layers], name=name)), "panels": panels}
+    panels = figures.figure_uri(draw_panels(processed))
+    return drawn | {"areas": figures.figure_uri(draw_frames([layers], name=name)), "panels": panels}
 
 
 def _shown(drawn: Mapping[str, str], title: str, track: str) -> Iterator[Block]:
@@ -336,32 +291,26 @@ _READ = (
 )
 
 
-def _number(digits: int, *, times: float = 1.0) -> Callable[[float], str]:
-    return lambda value: "" if math.isnan(value) else f"{times * value:.{digits}f}"
-
-
 _COLUMNS: dict[str, Heads] = {
     "object": "object",
     **{name: name for name in ("recording", "camera", "class", "kind", "outcome")},
     "timestamp_ns": "time (ns)",
-    "iou": Column("IoU %", _number(1, times=100)),
-    "coverage": Column("TPR %", _number(1, times=100)),
-    "fp": Column("false px", _number(0)),
-    "region_px": Column("object px", _number(0)),
-    "range_m": Column("range (m)", _number(1)),
-    "ego_speed_mps": Column("ego (km/h)", _number(1, times=3.6)),
-    "points": Column("points", _number(0)),
+    "iou": Column("IoU %", formats.number(1, times=100)),
+    "coverage": Column("TPR %", formats.number(1, times=100)),
+    "fp": Column("false px", formats.number(0)),
+    "region_px": Column("object px", formats.number(0)),
+    "range_m": Column("range (m)", formats.number(1)),
+    "ego_speed_mps": Column("ego (km/h)", formats.number(1, times=3.6)),
+    "points": Column("points", formats.number(0)),
 }
 
 
-def object_table(
-    run: StoredRun, elements: Mapping[tuple[str, str, int, str], str], *, most: int = LISTED
-) -> tuple[Table, int]:
+def object_table(run: StoredRun, elements: Elements, *, most: int = LISTED) -> tuple[Table, int]:
     """Every annotated object-frame as a row; and how many there are in all.
 
     Args:
         run: of the page.
-        elements: to which rows lead, as of `WorstCases`.
+        elements: to which rows lead.
         most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
     """
     annotated = 0
@@ -394,7 +343,7 @@ def object_table(
     return Table(title=title, columns=_COLUMNS, rows=shown, words=6, tags=tags), annotated
 
 
-def _object_section(run: StoredRun, elements: Mapping[tuple[str, str, int, str], str]) -> Group:
+def _object_section(run: StoredRun, elements: Elements) -> Group:
     table, annotated = object_table(run, elements)
     few = "Every annotated object in every image."
     if len(table.rows) < annotated:
@@ -406,7 +355,7 @@ def _object_section(run: StoredRun, elements: Mapping[tuple[str, str, int, str],
     )
     choices = [Choice(tag, label, EVALUATED if tag == "outcome" else "") for tag, label in FILTERS.items()]
     blocks: list[Block] = [Paragraph(about), Code(_view_command(run)), Filters(choices, "Search"), table]
-    return Group(look="section", name="frames", title="Object-frames", count=f"{len(table.rows):,} rows", blocks=blocks)
+    return Group(look="section", name="frames", title="Object-frames", blocks=blocks)
 
 
 def _view_command(run: StoredRun) -> str:
@@ -466,40 +415,46 @@ def _ledger(metrics: Summary) -> Table:
 # The page.
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Page:
-    """Page that was written.
-
-    Attributes:
-        file: the page.
-        problems: why pictures are missing, one line each.
-    """
-
-    file: Path
-    problems: tuple[str, ...]
-
-
 def write_page(
     folder: Path, *, out: Path | None = None, pictures: bool = True, progress: Progress | None = None
-) -> Page:
-    """Write the page of a run.
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Write the page of a run, and its charts as `figures/*.pdf` and `.png` beside the results.
 
     Args:
         folder: of the run or of its results by a protocol.
-        out: the file; `index.html` beside the results without it.
+        out: the page; `index.html` beside the results without it.
         pictures: process the worst images once more and show them.
         progress: called with the images done and their number.
+
+    Returns:
+        files: the page first.
+        problems: why pictures are missing, one line each.
 
     Raises:
         DataError: a stored result is missing or damaged. Missing data for pictures is no error; it is said.
     """
     run = read_run(folder)
-    worst = worst_cases(run, pictures=pictures, progress=progress)
-    title = f"{run.manifest.method.name} on {run.manifest.dataset.name}"
-    blocks = [*_head(run), *_sections(run, worst, pictures=pictures and not worst.missing)]
-    file = out or run.folder / "index.html"
-    write_output(file, to_page(title, blocks, folder=run.folder))
-    return Page(file=file, problems=tuple(worst.missing))
+    charts = figures.draw_charts(run)
+    boxes, elements, missing = worst_cases(run, pictures=pictures, progress=progress)
+    worst: list[Block] = [
+        Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
+                  f"false marks, the worst first. {COLOURS}"), *map(_missing, missing), *boxes,
+    ]  # fmt: skip
+    sections = [
+        Group(look="section", name="glance", title="At a glance",
+              blocks=[*_glance(run, pictures=pictures and not missing)]),
+        *_measured(run, charts),
+        Group(look="section", name="worst", title="Worst cases", blocks=worst),
+        _object_section(run, elements),
+        *_origin(run),
+    ]  # fmt: skip
+    title, file = f"{run.manifest.method.name} on {run.manifest.dataset.name}", out or run.folder / "index.html"
+    write_output(file, to_page(title, [*_head(run), *sections], folder=run.folder))
+    drawn = [
+        figures.write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
+        for name, chart in charts.items()
+    ]
+    return (file, *(picture for pair in drawn for picture in pair)), tuple(missing)
 
 
 def _head(run: StoredRun) -> list[Block]:
@@ -537,6 +492,7 @@ def _glance(run: StoredRun, *, pictures: bool) -> Iterator[Block]:
         for name in [*formats.headline_metrics(metrics), formats.LARGE_FALSE]
     }
     words["Object-frame"] = "One moving object in one image. The same object in ten images makes ten."
+    words |= {"Core, unknown band": formats.CORE} if formats.found_level(run.protocol) else {}
     yield Group(look="folded", title="The words used here", blocks=[_about_table(words)])
 
 
@@ -547,26 +503,25 @@ def _results(run: StoredRun) -> list[Block]:
     return [results_table(rows, title="In percent"), *notes]
 
 
-def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[Group]:
-    """The sections of the page."""
+def _measured(run: StoredRun, charts: Mapping[str, figures.Chart]) -> Iterator[Group]:
+    """The sections that need no picture of an image."""
     section = partial(Group, look="section")
-    metrics, summary, made = run.metrics, run.summary, run.summary.provenance
-    charts = draw_charts(run)
-    yield section(name="glance", title="At a glance", blocks=[*_glance(run, pictures=pictures)])
+    metrics, summary = run.metrics, run.summary
     yield section(name="results", title="Results by kind of motion", blocks=_results(run))
-    tables = [breakdown_table(*of) for of in breakdowns(metrics).items()]
-    yield section(name="splits", title="Broken down", count=counted(len(tables), "table"), blocks=[
+    yield section(name="splits", title="Broken down", blocks=[
         Paragraph("The same object-frames sorted in other ways, to see where the method fails. Bins are half-open: "
-                  "[2, 4) holds 2 but not 4. Bars: the line across is the 95 % interval. “Lowest” marks the smallest "
-                  "IoU of a table where its interval lies wholly below that of another row."), *tables])  # fmt: skip
+                  "[2, 4) holds 2 but not 4. The line across a bar is the 95 % interval. Of many rows one may be "
+                  "lowest by chance."), *breakdown_tables(metrics)])  # fmt: skip
     by_recording = _recording_table(run)
-    yield section(name="recordings", title="By recording", count=f"{len(by_recording.rows)} recordings", blocks=[
+    yield section(name="recordings", title="By recording", blocks=[
         Paragraph("Where to look first: a name shows its object-frames in the table below."), by_recording,
     ])  # fmt: skip
-    yield section(name="around", title="Around the ego vehicle", blocks=[
+    around: list[Block] = [
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
-        charts["range_map"].drawing()])  # fmt: skip
+        *([Paragraph(formats.CORE)] if formats.found_level(run.protocol) else []), charts["range_map"].drawing(),
+    ]  # fmt: skip
+    yield section(name="around", title="Around the ego vehicle", blocks=around)
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     if "threshold_sweep" in charts:
         yield section(name="threshold", title="Other thresholds", blocks=[
@@ -574,24 +529,25 @@ def _sections(run: StoredRun, worst: WorstCases, *, pictures: bool) -> Iterator[
                       f"wrongly marked on the way right. The dot is the run as it was scored. {over_all}".rstrip()),
             Group(look="charts", blocks=[charts["threshold_sweep"].drawing()])])  # fmt: skip
     if causes := _cause_table(metrics):
-        yield section(name="causes", title="Causes of the false marks", count=f"{len(causes.rows)} causes", blocks=[
+        yield section(name="causes", title="Causes of the false marks", blocks=[
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
                       "the likelihood there."), causes])  # fmt: skip
-    yield section(name="worst", title="Worst cases", blocks=[
-        Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
-                  f"false marks, the worst first. {COLOURS}"), *map(_missing, worst.missing), *worst.groups,
-    ])  # fmt: skip
-    yield _object_section(run, worst.elements)
+
+
+def _origin(run: StoredRun) -> Iterator[Group]:
+    """How the values came about, and what is not among them."""
+    section = partial(Group, look="section")
+    summary, made = run.summary, run.summary.provenance
     yield section(name="origin", title="Origin of the values", blocks=[
         Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
                   f"values. At most {made.peak_memory_mb:.0f} MB of memory."),
         Group(look="folded", title="manifest.json", blocks=[Code(run.manifest.model_dump_json(indent=1))]),
     ])  # fmt: skip
     messages = [f"{number} x {problem}" for problem, number in summary.images.problems.items()]
-    yield section(name="ledger", title="What was left out, and why", count=f"{len(summary.failures)} failures", blocks=[
+    yield section(name="ledger", title="What was left out, and why", blocks=[
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "
                   "objects count neither as right nor as wrong."),
-        _ledger(metrics),
+        _ledger(run.metrics),
         *_folded("Messages of images that were not scored", messages),
         *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
 

@@ -23,7 +23,7 @@ from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
 from bench.reporting import formats
-from bench.reporting.document import Cell, Column, Paragraph, Report, Table
+from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Table
 
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
@@ -72,11 +72,6 @@ class TableRow:
         """Ours minus the paper's in percentage points; NaN where either is missing."""
         difference = self.metrics[name].value - self.paper.get(name, math.nan)
         return round(100.0 * difference, 10)  # without the noise of binary fractions
-
-    def difference(self, name: str) -> str:
-        """Return the difference in points as "+0.1"; "" for NaN."""
-        points = self.difference_points(name)
-        return "" if math.isnan(points) else f"{points:+.1f}"
 
 
 def is_rendered(card: str) -> bool:
@@ -127,10 +122,13 @@ def table_rows(summary: Summary, *, beside_paper: bool = True) -> list[TableRow]
 
 
 def threshold_free_line(found: ThresholdFreeMetrics) -> str:
-    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... "."""
+    """For example "Over all thresholds: AUPRC 71.2 % [60.1, 80.3], ... ", or why there is none."""
+    images = counted(found.images, "image")
+    if math.isnan(found.auprc.value):
+        return f"Over all thresholds: no AUPRC, since no object was evaluated in the {images} with a likelihood."
     return (
         f"Over all thresholds: AUPRC {formats.with_interval(found.auprc)}, false-positive rate at 95 % recall "
-        f"{formats.with_interval(found.fpr95)}; over the pixels of {found.images} images, from histograms."
+        f"{formats.with_interval(found.fpr95)}; over the pixels of {images}, from histograms."
     )
 
 
@@ -146,7 +144,7 @@ def results_table(rows: Sequence[TableRow], *, title: str, short: bool = False) 
     known = {name for row in rows for name in row.metrics}
     names = [*COVERAGES, "detection_rate", *formats.detection_levels(known), "ceiling_iou", "unknown_share"]
     names = [name for name in names if name in known and (name in ON_TERMINAL or not short)]
-    interval = formats.short_interval if short else formats.percent_interval
+    interval = formats.short_interval if short else formats.interval
 
     def cells(row: TableRow) -> list[Cell | None]:
         if row.name != FALSE_POSITIVES:
@@ -168,15 +166,15 @@ def _label(row: TableRow) -> Cell:
     return Cell(name, tuple(filter(None, (constraint and f"({constraint}", of_paper))))
 
 
-def _cell(row: TableRow, name: str, interval: Callable[[Metric], str]) -> Cell:
+def _cell(row: TableRow, name: str, interval: Callable[[tuple[float, float] | None], str]) -> Cell:
     metric = row.metrics[name]
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
-    below = [interval(metric)]
+    below = [interval(metric.ci95)]
     if name.startswith("detection_rate") and not math.isnan(chance := row.metrics[formats.chance_of(name)].value):
         below.append(f"chance {100 * chance:.0f}")
     if name in row.paper:
-        below += [f"paper {100 * row.paper[name]:.0f}", row.difference(name)]
+        below += [f"paper {100 * row.paper[name]:.0f}", f"{row.difference_points(name):+.1f}"]
     return Cell(formats.hundredths(metric.value), tuple(filter(None, below)), "strong")
 
 
@@ -200,11 +198,12 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
         notes: on the method and the data, below the note on how to read the table.
         unreviewed: `RunSummary.unreviewed`, which stands in each line of numbers of such a run.
     """
+    reviewed = {"annotations": unreviewed.partition(": ")[2].rstrip(".")} if unreviewed else {}
     numbers: list[dict[str, object]] = [
         {"row": row.name, "label": row.label, "frames": row.frames, "paper_frames": row.paper_frames,
-         "tracks": row.tracks, "metric": name} | formats.metric_record(metric)
-        | {"recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name)}
-        | formats.annotations_field(unreviewed)
+         "tracks": row.tracks, "metric": name, "value": metric.value, **formats.ends(metric), "cases": metric.cases,
+         "recordings": row.recordings, "paper": row.paper.get(name), "difference_points": row.difference_points(name),
+         **reviewed}
         for row in rows
         for name, metric in row.metrics.items()
     ]  # fmt: skip
@@ -319,10 +318,10 @@ def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, no
     for value, summary in runs.items():
         row: dict[str, object] = {setting: value, **_sweep_counts(summary)}
         for name, metric in formats.headline_metrics(summary).items():
-            low, high = metric.ci95 or (None, None)
-            row |= {name: metric.value, f"{name}.ci95_low": low, f"{name}.ci95_high": high}
+            row |= {name: metric.value} | {f"{name}.{end}": at for end, at in formats.ends(metric).items()}
         numbers.append(row)
-    return Report(title=title, blocks=[Paragraph(about), sweep_table(setting, runs, title="")], numbers=numbers)
+    blocks: list[Block] = [Paragraph(about), sweep_table(setting, runs, title="")]
+    return Report(title=title, blocks=blocks, numbers=numbers, page=True)
 
 
 def _sweep_counts(summary: RunSummary) -> dict[str, int]:
@@ -333,7 +332,7 @@ def _sweep_counts(summary: RunSummary) -> dict[str, int]:
 def write_sweep(
     folder: Path, setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = ""
 ) -> tuple[Path, ...]:
-    """Write the page `sweep.html`, `.md`, `.csv` and the chart as `.svg`; their paths.
+    """Write the page `sweep.html` with a chart, `.md` and `.csv`; their paths.
 
     Args:
         folder: of the sweep.
@@ -342,11 +341,10 @@ def write_sweep(
         title: stands above table and chart.
         note: how to read them.
     """
-    from bench.reporting.figures import Chart, draw_sweep, write_picture  # matplotlib, which no table needs
+    from bench.reporting.figures import Chart, draw_sweep  # matplotlib, which no table needs
 
     metrics = {value: formats.headline_metrics(summary) for value, summary in runs.items()}
-    figure = draw_sweep(setting, metrics, title=title, note=note)
+    label = f"Headline metrics for each value of {setting}"
+    chart = Chart(name="sweep", figure=draw_sweep(setting, metrics, title=title), label=label)
     told = sweep_report(setting, runs, title=title, note=note)
-    chart = Chart(name="sweep", figure=figure, label=f"Headline metrics for each value of {setting}").drawing()
-    files = replace(told, blocks=[*told.blocks, chart], page=True).write(folder, "sweep")
-    return (*files, *write_picture(folder / "sweep", figure, formats=("svg",)))
+    return replace(told, blocks=[*told.blocks, chart.drawing()]).write(folder, "sweep")

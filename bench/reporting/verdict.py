@@ -107,7 +107,7 @@ def to_junit(verdict: Verdict) -> bytes:
     for check in verdict.checks:
         failed = _failure(check.message, check.message, "data") if check.outcome is Outcome.FAILED else None
         cases.append(_case(check.name, "data", failed, [f"{check.outcome}: {check.message}"]))
-    judged = _by_slice(row for row in verdict.rows if row.outcome is not Outcome.NOT_JUDGED)
+    judged = _by_slice(row for row in verdict.told_rows if row.outcome is not Outcome.NOT_JUDGED)
     for name, rows in judged.items():
         worse = [row for row in verdict.rows_with(Outcome.FAILED) if row in rows]  # the worst first
         cause = "\n".join([*map(row_text, worse), *change_lines(verdict)])
@@ -150,6 +150,10 @@ _MARKS = {
     Outcome.IMPROVED: "✅ improved",
     Outcome.PASSED: "within tolerance",
 }
+CAPTION = (
+    "Recs: recordings with cases of both. Percent and percentage points; components per image. Suspect: worse than "
+    "tolerated, but it may be chance, or the metric decides nothing."
+)
 _HEADINGS = ("Outcome", "Slice", "Metric", "Recs", "Baseline", "Run", "Change", "95 %", "Tolerated")
 
 
@@ -167,7 +171,7 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
     yield Items([*none, *failed, *change_lines(verdict), *worst])
     shown = [*overall_rows(verdict), *main_rows(verdict)]
     if shown:
-        yield row_table(shown, with_notes=True)
+        yield row_table(shown, with_notes=True, caption=CAPTION)
     if skipped := not_judged_line(verdict):
         yield Paragraph(skipped)
     if verdict.judged and not verdict.passed:
@@ -210,10 +214,6 @@ STYLES: dict[Outcome, Style] = {
     Outcome.PASSED: "",
     Outcome.NOT_JUDGED: "dim",
 }
-CAPTION = (
-    "Recs: recordings with cases of both. Percent and percentage points; components per image. Suspect: worse than "
-    "tolerated, but it may be chance, or the metric decides nothing."
-)
 
 
 def head_lines(verdict: Verdict) -> list[Paragraph]:

@@ -22,7 +22,7 @@ def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsy
     words = ("sweep", tiny_card, *common, "--set", "threshold=2e-3,6e-4", "--out", tmp_path / "sweep")
     assert call(monkeypatch, *words) == 0
     shown = capsys.readouterr().out
-    for name in ("sweep.html", "sweep.csv", "sweep.md", "sweep.svg"):
+    for name in ("sweep.html", "sweep.csv", "sweep.md"):
         assert (tmp_path / "sweep" / name).stat().st_size > 100
         assert str(tmp_path / "sweep" / name) in shown
     assert "threshold of spherical on tiny by paper-v1" in shown

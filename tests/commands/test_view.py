@@ -1,6 +1,7 @@
 """`view`: single frames, spans, a time, videos and logs for the viewer."""
 
 import shutil
+import subprocess
 import sys
 
 import cv2
@@ -83,8 +84,9 @@ def test_a_log_for_the_viewer(monkeypatch, card, tmp_path):
     pytest.importorskip("rerun")
     out = tmp_path / "v.rrd"
     assert call(monkeypatch, "view", card, "--rrd", out, "--frame", "4:6") == 0
+    verified = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", out], capture_output=True, check=False)
+    assert verified.returncode == 0, verified.stderr
     content = out.read_bytes()
-    assert content.startswith(b"RRF")
     for name in (b"/world/lidar", b"/world/objects", b"/world/vehicle", b"/world/path", b"/images/front"):
         assert name in content
     assert [path.name for path in tmp_path.iterdir()] == ["v.rrd"]

@@ -46,13 +46,12 @@ def object_figures(rate: float, *, object_frames: int = 100, tracks: int = 7) ->
 
 def banded_summary() -> Summary:
     """The same under a protocol with unknown bands: a quarter of each row is unknown."""
-
-    def banded(row: ObjectMetrics) -> ObjectMetrics:
-        return row.model_copy(update={"unknown_share": figure(0.25, cases=row.object_frames)})
-
     found = summary()
-    rows = {name: banded(row) for name, row in found.categories.items()}
-    return found.model_copy(update={"categories": rows, "all_moving": banded(found.all_moving)})
+    banded = {
+        name: row.model_copy(update={"unknown_share": figure(0.25, cases=row.object_frames)})
+        for name, row in (found.categories | {"all": found.all_moving}).items()
+    }
+    return found.model_copy(update={"all_moving": banded.pop("all"), "categories": banded})
 
 
 def summary() -> Summary:

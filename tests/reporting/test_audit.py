@@ -25,27 +25,21 @@ def audited(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[
     return found, rows.tables
 
 
-@pytest.fixture(scope="module")
-def audit(audited) -> AuditSummary:
-    return audited[0]
-
-
-@pytest.fixture(scope="module")
-def tables(audited) -> dict[str, pa.Table]:
-    return audited[1]
-
-
-def test_markdown_holds_every_table_in_full(audit: AuditSummary, tmp_path: Path):
+def test_every_table_is_in_markdown_in_full_and_fits_the_terminal(audited, tmp_path: Path):
+    audit, _ = audited
     text = write_tables(tmp_path, audit).read_text()
     tables = audit_tables(audit)
     assert [line[3:] for line in text.splitlines() if line.startswith("## ")] == [t.title for t in tables]
     for table in tables:
         assert table.note in text
         assert all(f"| {' | '.join(row)} |" in text for row in texts(table))
+    shown = printed(tables)
+    assert "…" not in shown
+    assert all(word in shown.split() for word in ("blind:", "horizon", "elsewhere"))
 
 
-def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
-    misses, false = audit_tables(audit)[-2:]
+def test_shares_of_a_line_are_100_percent(audited):
+    misses, false = audit_tables(audited[0])[-2:]
     first = misses.columns.index("by error %") + 1
     rows = [row for row in texts(misses) if row[first] != "n/a"]  # where something is missed
     assert rows
@@ -54,15 +48,8 @@ def test_shares_of_a_line_are_100_percent(audit: AuditSummary):
     assert sum(map(float, texts(false)[0][3:-1])) == pytest.approx(100, abs=0.4)
 
 
-def test_the_terminal_cuts_nothing(audit: AuditSummary):
-    shown = printed(audit_tables(audit))
-    assert "…" not in shown
-    assert "How well the reference polygons" in shown
-    assert all(word in shown.split() for word in ("blind:", "horizon", "elsewhere"))
-
-
-def test_causes_are_drawn_where_most_is_missed(tables: dict[str, pa.Table], tiny_card: Path, tmp_path: Path):
-    misses, rules = tables["misses"], load_protocol("paper-v1")
+def test_causes_are_drawn_where_most_is_missed(audited, tiny_card: Path, tmp_path: Path):
+    misses, rules = audited[1]["misses"], load_protocol("paper-v1")
     found = worst_images(misses)
     rows = misses.to_pandas()
     rows["missed"] = rows["cells"] - rows["hit"]

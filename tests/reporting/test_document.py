@@ -7,7 +7,6 @@ import math
 import re
 
 import pandas as pd
-import pytest
 from markupsafe import Markup
 
 from bench.reporting.document import (
@@ -76,10 +75,10 @@ def test_markdown_reads_nothing_in_text_from_outside():
     assert len(re.findall(r"(?<!\\)\|", row)) == 3
 
 
-@pytest.mark.parametrize("text", ["1. one", "- one", "> one", "## one", "    + one", "===", "12) one"])
-def test_a_paragraph_of_markdown_is_no_list_heading_or_code(text):
-    assert re.match(r"\d*\\[#>+=.)-]", to_markdown([Paragraph(text)]))
-    assert re.match(r"- \d*\\[#>+=.)-]", to_markdown([Items([text])]))
+def test_a_paragraph_of_markdown_is_no_list_heading_or_code():
+    for text in ("1. one", "- one", "> one", "## one", "    + one", "===", "12) one"):
+        assert re.match(r"\d*\\[#>+=.)-]", to_markdown([Paragraph(text)])), text
+        assert re.match(r"- \d*\\[#>+=.)-]", to_markdown([Items([text])])), text
 
 
 def test_html_draws_bars_and_escapes_text():
@@ -96,12 +95,12 @@ def test_html_draws_bars_and_escapes_text():
 
 
 def test_groups_are_headings_of_text_and_frames_of_a_page():
-    rows = [Paragraph("Said."), Drawing(Markup("<svg></svg>"), "Drawn."), Filters([Choice("a", "A")])]
-    section = Group(look="section", title="Part", name="part", count="3", blocks=rows, tags={"a": "x"})
+    rows = [Paragraph("Said."), Drawing(Markup("<svg></svg>")), Filters([Choice("a", "A")])]
+    section = Group(look="section", title="Part", name="part", blocks=rows, tags={"a": "x"})
     assert to_markdown([section]) == "## Part\n\nSaid.\n"
     shown = to_html([section])
     assert '<section id="part" data-a="x"><details class="part" open><summary><h2>Part</h2>' in shown
-    assert "<svg></svg><figcaption>Drawn." in shown
+    assert "<figure><svg></svg></figure>" in shown
     assert '<select data-filter="a" data-chosen="">' in shown
 
 

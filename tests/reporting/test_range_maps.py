@@ -16,7 +16,6 @@ from bench.reporting.figures import (
     draw_range_maps,
     draw_run_maps,
     draw_threshold_sweep,
-    figure_bytes,
     new_figure,
 )
 from tests.support.result_rows import object_row
@@ -78,13 +77,6 @@ def test_three_classes_by_two_directions_and_others_once_they_are_seen():
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
     assert "animal, lateral" in titles
     assert "train, lateral" not in titles
-
-
-def test_the_same_bytes_twice():
-    maps = RangeMaps(maps=(range_map({(3, 2): (5, 4), (6, -2): (4, 4)}),), unplaced=0)
-    first, second = (figure_bytes(draw_range_maps(maps, vehicle_outline_m=OUTLINE_M), "svg") for _ in range(2))
-    assert first == second
-    assert b"<dc:date>" not in first
 
 
 def test_the_curve_of_thresholds_has_coverage_across_and_recall_up():

@@ -1,25 +1,38 @@
-"""The table of a run: the paper's rows and values beside ours, the same numbers in every form."""
+"""The table of a run, the paper's rows and values beside ours, and a sweep: the same numbers in every form."""
 
 import csv
 import io
 import math
-import os
+from types import SimpleNamespace
 
 import pytest
+from matplotlib.colors import to_hex
 
-from bench.errors import OutputError
-from bench.evaluation import load_protocol, sum_run, summary_of, write_sums
+from bench.evaluation import (
+    FalsePositiveMetrics,
+    ObjectMetrics,
+    ThresholdFreeMetrics,
+    load_protocol,
+    sum_run,
+    summary_of,
+    write_sums,
+)
 from bench.evaluation.rows import frames_table, objects_table
+from bench.evaluation.summary import Metric
 from bench.harness.stored import SUMS, read_run, write_run
 from bench.reporting.document import to_csv, to_markdown
-from bench.reporting.formats import interval, percent, short_interval
+from bench.reporting.figures import BLUE, GREEN, PURPLE, VERMILION, draw_sweep
+from bench.reporting.formats import headline_metrics, interval, percent, short_interval
 from bench.reporting.run_tables import (
     COVERAGES,
     left_out_note,
     report,
     results_table,
+    sweep_report,
     table_rows,
+    threshold_free_line,
     write_report_files,
+    write_sweep,
 )
 from tests.reporting.printed import printed
 from tests.reporting.summaries import banded_summary, figure, summary
@@ -62,7 +75,6 @@ def test_the_rows_are_the_papers_with_the_papers_values():
     assert ROWS[0].paper == {"detection_rate": 0.72, "tpr": 0.64, "iou_detected": 0.55}
     assert ROWS[-1].paper == {"coverage": 0.13}
     assert ROWS[0].difference_points("detection_rate") == pytest.approx(0.14)
-    assert (ROWS[0].difference("detection_rate"), ROWS[0].difference("chance")) == ("+0.1", "")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +112,7 @@ def test_markdown_and_terminal_show_the_same_values():
             assert f"{100 * metric.value:.1f}<br>{interval(metric.ci95)}" in text
             if name != "detection_rate_10":
                 assert f"{100 * metric.value:.1f}" in shown
-                assert short_interval(metric) in shown
+                assert short_interval(metric.ci95) in shown
     crossing = next(line for line in text.splitlines() if line.startswith("| Crossing"))
     assert crossing.startswith("| Crossing<br>(epipolar)<br>paper: 3848 | 8 | 100 | 7 | 32.5<br>[27.5, 37.5] | ")
     assert crossing.count("paper") == 4
@@ -170,15 +182,88 @@ def test_all_files_are_written_from_the_stored_results(stored):
     assert values["overtaking", "tpr"] == ""
 
 
-def test_a_file_that_cannot_be_replaced_stays_whole(stored, monkeypatch):
-    file, _ = write_report_files(read_run(stored))
-    before, names = file.read_bytes(), sorted(path.name for path in stored.iterdir())
+def test_metrics_without_a_threshold_are_told_or_why_there_is_none():
+    none = Metric(value=math.nan, ci95=None, cases=8547651, recordings=0)
+    assert threshold_free_line(ThresholdFreeMetrics(auprc=none, fpr95=none, images=9)) == (
+        "Over all thresholds: no AUPRC, since no object was evaluated in the 9 images with a likelihood."
+    )
+    known = ThresholdFreeMetrics(auprc=figure(0.5), fpr95=figure(0.2), images=1)
+    assert threshold_free_line(known).startswith("Over all thresholds: AUPRC 50.0 % [45.0, 55.0], false-positive rate")
 
-    def fail(*_):
-        raise OSError("disk full")
 
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(OutputError, match="disk full"):
-        write_report_files(read_run(stored))
-    assert file.read_bytes() == before
-    assert sorted(path.name for path in stored.iterdir()) == names
+# A sweep.
+
+
+def run(share, *, levels=("10", "50"), frames=40):
+    shifts = {"detection_rate": 0, "chance": 0, "tpr": 0, "tpr_all": -0.01, "iou": -0.3, "iou_detected": 0}
+    named = {name: figure(share + shift, spread=0.1) for name, shift in shifts.items()}
+    named |= {f"detection_rate_{level}": figure(share - 0.05, spread=0.1) for level in levels}
+    of_images = {name: figure(0.28, spread=0.02) for name in ("coverage", "coverage_valid", "frame_rate")}
+    return SimpleNamespace(
+        all_moving=ObjectMetrics(object_frames=frames, tracks=3, recordings=7, **named),
+        false_positives=FalsePositiveMetrics(
+            frames=12, recordings=8, components_per_frame=of_images["coverage"], **of_images
+        ),
+        images=SimpleNamespace(evaluated=12),
+    )
+
+
+RUNS = {"3e-4": run(0.9), "6e-4": run(0.8, frames=38), "1e-2": run(0.6)}
+
+
+def axes_of(runs):
+    metrics = {value: headline_metrics(summary) for value, summary in runs.items()}
+    (axes,) = draw_sweep("threshold", metrics, title="threshold on demo").axes
+    return axes
+
+
+def test_csv_and_markdown_have_one_line_per_value():
+    told = sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.")
+    lines = list(csv.DictReader(io.StringIO(to_csv(told.numbers))))
+    assert [line["threshold"] for line in lines] == ["3e-4", "6e-4", "1e-2", "1"]
+    assert [line["object_frames"] for line in lines] == ["40", "38", "40", "40"]
+    assert float(lines[1]["tpr_all"]) == 0.8 - 0.01, "at full precision"
+    assert float(lines[1]["iou.ci95_low"]) == pytest.approx(0.4)
+    assert lines[1]["false_positive_coverage"] == "0.28"
+    assert (lines[1]["recordings"], lines[1]["images"]) == ("7", "12")
+    assert lines[3]["iou"] == lines[3]["iou.ci95_high"] == ""
+    text = to_markdown(told.blocks)
+    assert "| threshold | Images | Object-frames | Recordings | IoU, all | TPR, all | Detection at 50 % |" in text
+    shares = "30.0 %<br>[20.0, 40.0] | 59.0 %<br>[49.0, 69.0] | 55.0 %<br>[45.0, 65.0] | 28.0 %"
+    assert f"| 1e-2 | 12 | 40 | 7 | {shares}" in text
+    assert text.count("fewer than 6 recordings have none") == text.count("A note.") == 1
+    assert "| 1 | 12 | 40 | 7 | n/a<br>(0 cases) |" in text
+
+
+def test_a_protocol_without_the_level_has_no_such_column():
+    runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
+    told = sweep_report("threshold", runs, title="t")
+    assert "Detection at 50 %" not in to_markdown(told.blocks)
+    assert "detection_rate_50" not in to_csv(told.numbers)
+    assert len(axes_of(runs).lines) == 3
+
+
+def test_chart_draws_the_metrics_in_percent_with_their_intervals():
+    axes = axes_of({"6e-4": run(0.8), "3e-4": run(0.9), "1e-2": run(0.6)})
+    lines = {to_hex(line.get_color()): line for line in axes.lines}
+    assert set(lines) == {BLUE, GREEN, PURPLE, VERMILION}
+    assert lines[BLUE].get_xdata().tolist() == [3e-4, 6e-4, 1e-2], "by value, however they were given"
+    assert lines[BLUE].get_ydata() == pytest.approx([85, 75, 55])
+    assert axes.collections[-1].get_segments()[0][:, 1] == pytest.approx((26, 30))
+    assert (axes.get_xscale(), axes.get_xlabel(), axes.get_ylabel()) == ("log", "threshold", "percent")
+
+
+@pytest.mark.parametrize(
+    ("values", "at"), [(("-1", "0", "20"), [-1, 0, 20]), (("5", "8"), [5, 8]), (("dis", "farneback"), [0, 1])]
+)
+def test_values_that_are_no_numbers_stand_side_by_side(values, at):
+    axes = axes_of({value: run(0.5) for value in values})
+    assert (axes.get_xscale(), axes.lines[0].get_xdata().tolist()) == ("linear", at)
+    if values[0] == "dis":
+        assert [label.get_text() for label in axes.get_xticklabels()] == ["dis", "farneback"]
+
+
+def test_the_files_of_a_sweep(tmp_path):
+    files = write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
+    assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md"]
+    assert "<svg" in (tmp_path / "sweep.html").read_text()

@@ -1,7 +1,10 @@
+"""Runs against each other, on the images that both scored; what is shown of a change; the files."""
+
 import csv
 import io
 import math
 import re
+import shutil
 from urllib.parse import unquote
 
 import pandas as pd
@@ -11,18 +14,22 @@ import pytest
 from bench.errors import UsageError
 from bench.evaluation import holm
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.harness import read_run
 from bench.reporting.compare import (
     HEADLINES,
     Kind,
     Shown,
     compare_runs,
     read_comparable,
+    report,
     terminal_report,
     verdict_line,
     what_is_shown,
     write_comparison,
 )
+from bench.reporting.document import to_markdown
 from bench.reporting.formats import points
+from bench.reporting.leaderboard import read_leaderboard
 from tests.reporting.compare.runs import IMAGE_PX, IMAGES, RECORDINGS, drawn, write_run
 from tests.reporting.printed import printed
 from tests.support.counts import change_table
@@ -63,6 +70,8 @@ def test_under_a_protocol_with_bands_an_object_is_missed_below_half_of_its_core(
     runs = [write_run(tmp_path / f"{px}", drawn(px), protocol=protocol) for px in (50, 49)]
     (found,) = compared(*runs)
     assert found.detections.loc["all_moving", "lost"] == lost
+    text = to_markdown(report([found], out=tmp_path).blocks)
+    assert ("found by half of the core" in text) == ("Core: the part of an object's region" in text) == bool(lost)
 
 
 def test_a_run_that_finds_nothing_loses_everything(half, tmp_path):
@@ -142,9 +151,6 @@ def test_runs_that_do_not_compare_are_refused_with_both_values(half, tmp_path, c
         compared(half, half, other)
     assert str(refused.value).startswith(f"{half}/paper-v1 and {other}/")
     assert "\n" not in str(refused.value)
-
-
-def test_one_run_is_not_enough(half):
     with pytest.raises(UsageError, match="at least two runs, got 1"):
         compared(half)
 
@@ -254,9 +260,14 @@ def test_recordings_are_set_beside_each_other(folders, tmp_path):
         assert line.split(" | ")[1:7] == expected
 
 
-def test_without_data_there_are_no_pictures_and_the_reason_is_said(folders, tmp_path):
+def test_without_data_there_are_no_pictures_and_old_ones_go(folders, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tmp_path)  # in which there is no card
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("01-01-newly-missed.jpg", "mine.jpg"):
+        (pictures / name).write_bytes(b"")
     comparisons, _ = write_comparison(folders, tmp_path)
-    assert not (tmp_path / "pictures").exists()
+    assert [file.name for file in pictures.iterdir()] == ["mine.jpg"]
     remarks = [comparison.remarks for comparison in comparisons]
     assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
     assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
@@ -273,15 +284,6 @@ def test_the_page_leads_to_the_pages_of_the_runs(folders, tmp_path):
     assert (tmp_path / "a b" / unquote(address)).resolve() == page.resolve()
 
 
-def test_old_pictures_go_and_other_files_stay(folders, tmp_path):
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    for name in ("01-01-newly-missed.jpg", "mine.jpg"):
-        (pictures / name).write_bytes(b"")
-    write_comparison(folders, tmp_path)
-    assert [file.name for file in pictures.iterdir()] == ["mine.jpg"]
-
-
 def test_the_terminal_table_fits(folders):
     comparison = compare_runs(read_comparable(folders))[0]
     shown = printed(terminal_report(comparison), width=100)
@@ -291,3 +293,63 @@ def test_the_terminal_table_fits(folders):
         assert word in shown
     lines = [line.split() for line in shown.splitlines()]
     assert ["Preceding", "too", "few", "3", "50.0", "15.8", "-34.2"] in lines
+
+
+# Runs that scored other images.
+
+WHOLE = drawn(50) | {(r, 1, "crossing"): 10 * r for r in range(RECORDINGS)}
+LATER = {key: px + 10 for key, px in WHOLE.items() if key[1] > 0}  # as of a method that needs one image more
+SCORED = {"whole": RECORDINGS * IMAGES, "later": RECORDINGS * (IMAGES - 1), "cut": RECORDINGS * (IMAGES - 1)}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs, and the first as if it had scored the images of the second alone."""
+    folder = tmp_path_factory.mktemp("runs")
+    detected = {"whole": WHOLE, "later": LATER, "cut": {key: WHOLE[key] for key in LATER}}
+    found = {name: write_run(folder / name, px) for name, px in detected.items()}
+    assert {name: read_run(run).summary.images.evaluated for name, run in found.items()} == SCORED
+    assert len({read_run(run).manifest.reference for run in found.values()}) == 2
+    return found
+
+
+@pytest.mark.parametrize("order", [("whole", "later"), ("later", "whole")])
+def test_figures_are_those_of_the_images_that_both_scored(runs, order):
+    (found,) = compare_runs(read_comparable([runs[name] for name in order]))
+    (expected,) = compare_runs(read_comparable([runs["cut" if name == "whole" else name] for name in order]))
+    assert found.images == (SCORED[order[0]], SCORED[order[1]], SCORED["later"])
+    pd.testing.assert_frame_equal(found.changes, expected.changes)
+    pd.testing.assert_frame_equal(found.detections, expected.detections)
+    pd.testing.assert_frame_equal(found.frames, expected.frames)
+
+
+def test_every_form_says_how_many_images_each_run_had(runs, tmp_path):
+    line = "Compared on the 24 images that both scored: whole scored 32, later 24."
+    write_comparison([runs["whole"], runs["later"]], tmp_path, pictures=False)
+    assert line in (tmp_path / "compare.md").read_text()
+    with (tmp_path / "compare.csv").open() as stream:
+        counts = {(r["images_before"], r["images_after"], r["images_compared"]) for r in csv.DictReader(stream)}
+    assert counts == {("32", "24", "24")}
+
+
+def test_the_leaderboard_ranks_all_on_their_common_images(runs):
+    (group,) = read_leaderboard(runs["whole"].parent).groups
+    assert {entry.run: entry.images for entry in group.entries} == SCORED
+    assert (group.images, group.cases["all_moving"][0]) == (SCORED["later"], len(LATER))
+    values = {entry.run: entry.metrics for entry in group.entries}
+    assert values["whole"] == values["cut"]
+
+
+def test_a_run_of_few_images_has_a_table_of_its_own(runs, tmp_path):
+    shutil.copytree(runs["whole"], tmp_path / "whole")
+    few = write_run(tmp_path / "few", {key: px for key, px in WHOLE.items() if key[1] == 0})
+    groups = read_leaderboard(tmp_path).groups
+    assert sorted([entry.run for entry in group.entries] for group in groups) == [["few"], ["whole"]]
+    (compared,) = compare_runs(read_comparable([runs["whole"], few]))
+    assert compared.images == (32, 8, 8)
+
+
+def test_no_common_image_is_said(runs, tmp_path):
+    other = write_run(tmp_path / "other", {(r, n + IMAGES, kind): px for (r, n, kind), px in WHOLE.items()})
+    with pytest.raises(UsageError, match="no image was scored by both; the first has 32, the second 32"):
+        compare_runs(read_comparable([runs["whole"], other]))
