@@ -249,7 +249,7 @@ def test_the_core_is_explained_where_it_counts(tmp_path, protocol, times):
 @pytest.mark.usefixtures("without_charts")
 def test_without_the_data_it_says_so_and_is_complete(tiny_run, tmp_path):
     run = shutil.copytree(tiny_run, tmp_path / "run")
-    change_manifest(run, lambda content: content["dataset"].update(card=str(tmp_path / "gone.yaml")))
+    change_manifest(run, lambda content: content["dataset"].update(name="gone", card=str(tmp_path / "gone.yaml")))
     (page,), (problem,) = write_page(run)
     text = page.read_text()
     assert "gone.yaml" in problem
