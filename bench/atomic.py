@@ -21,7 +21,7 @@ from uuid import uuid4
 
 from bench.errors import DataError, OutputError
 
-LINKS = "where such links are meant, the options of its card allow them (docs/your-data.md)"
+LINKS = "put the file itself there; links to folders at the top of a data set: option follow_links (docs/your-data.md)"
 MOST_LINK_LEVELS = 4  # below the root of a data set
 LARGEST_READ_BYTES = 1 << 30  # of a file that is read at once and has no limit of its own
 
@@ -260,9 +260,7 @@ def folder_lock(folder: Path, *, shared: bool = False, wait: bool = True) -> Ite
         os.close(handle)
 
 
-def path_inside(
-    root: Path, relative: str, *, file: Path, field: str | None = None, links_into: Path | None = None
-) -> Path:
+def path_inside(root: Path, relative: str, *, file: Path, field: str | None = None) -> Path:
     """A path named by a data file.
 
     Args:
@@ -270,7 +268,6 @@ def path_inside(
         relative: the path as it stands in the file, relative to `root`.
         file: the file that names it, for the message.
         field: where in the file.
-        links_into: as of `refuse_escape`.
 
     Returns:
         The path below `root`; it need not exist.
@@ -283,7 +280,7 @@ def path_inside(
     if not parts or absolute or ".." in parts or "\\" in relative or "\0" in relative:
         raise DataError(file, field=field, expected="a relative path without '..'", got=repr(relative))
     path = root.joinpath(*parts)
-    refuse_escape(root, path, file=file, field=field, links_into=links_into)
+    refuse_escape(root, path, file=file, field=field)
     return path
 
 
@@ -306,9 +303,7 @@ def linked_folder(root: Path, path: Path, *, levels: int) -> Path:
     return next((top for top in reversed(tops) if top.is_symlink() and top.is_dir()), root)
 
 
-def refuse_escape(
-    root: Path, path: Path, *, file: Path, field: str | None = None, links_into: Path | None = None
-) -> None:
+def refuse_escape(root: Path, path: Path, *, file: Path, field: str | None = None) -> None:
     """Refuse a path that leaves the root once symbolic links are followed.
 
     Args:
@@ -316,14 +311,11 @@ def refuse_escape(
         path: below it.
         file: for the message.
         field: the same.
-        links_into: a folder that links may lead into, too, such as the cache of a tool that stores data by their
-            digests.
 
     Raises:
         DataError: it does.
     """
-    place = path.resolve()
-    if not (place.is_relative_to(root.resolve()) or (links_into is not None and place.is_relative_to(links_into))):
+    if not path.resolve().is_relative_to(root.resolve()):
         raise DataError(
             file, field=field, expected=f"a path inside {root}", got=f"{path}, a link that leads outside", hint=LINKS
         )

@@ -25,6 +25,7 @@ from bench.evaluation.counts import BINS
 from bench.evaluation.summary import ProtocolOfRun
 from bench.gate import judge, load_tolerances, read_run_sums
 from bench.harness import Provenance, open_tables, read_run
+from bench.harness.counts import counts_folder, write_counts
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, write_run
 from bench.methods import build_method
@@ -32,7 +33,6 @@ from bench.records.reference import Direction, IgnoreReason, Status
 from bench.reporting.compare import write_comparison
 from bench.reporting.run_page import write_page
 from bench.reporting.run_tables import write_report_files
-from tests.support.counts import write_counts
 
 CAMERAS = ("front", "left", "rear", "right")
 WIDTH, HEIGHT = 640, 480
@@ -50,19 +50,25 @@ def write_run_tables(folder: Path, *, object_frames: int, method_seed: int) -> N
         reference, method = (np.random.default_rng([seed, number, k]) for k, seed in enumerate((1, method_seed)))
         name = f"drive-{number:05d}"
         frames = _frames(name, IMAGES_A_RECORDING, reference, method)
-        objects = _objects(name, frames, reference, method)
-        write_counts(folder, objects, pa.table(frames, schema=FRAMES_SCHEMA))
+        tables = _objects(name, frames, reference, method), pa.table(frames, schema=FRAMES_SCHEMA)
+        for camera in CAMERAS:
+            own = [table.filter(pc.field("camera") == camera) for table in tables]
+            write_counts(counts_folder(folder, name), f"{camera}-00000000", *own)
 
 
 def _frames(name: str, images: int, reference: np.random.Generator, method: np.random.Generator) -> dict[str, object]:
     scored = reference.random(images) > 0.01
-    reference_px = _part(reference, np.where(scored, 40_000, 0))
-    tp_px = _part(method, reference_px)
-    fp_px = _part(method, np.where(scored, 150_000, 0))
-    epipolar = _part(method, fp_px)
-    causes = [
-        [("epipolar", e), ("positive_depth", fp - e)] for e, fp in zip(epipolar.tolist(), fp_px.tolist(), strict=True)
-    ]
+    counts = {column: method.integers(0, 60, images) for column in (*rows.FRAME_COUNTS, "undefined_px")}
+    counts |= dict(zip(("width", "height", "valid_px"), np.full((images, 3), [WIDTH, HEIGHT, 250_746]).T, strict=True))
+    counts |= {
+        "reference_px": reference.integers(0, 40_000, images),
+        "ignored_px": reference.integers(0, 3_000, images),
+    }
+    counts |= {"tp_px": _part(method, counts["reference_px"]), "fp_px": method.integers(0, 150_000, images)}
+    counts |= {"fn_px": counts["reference_px"] - counts["tp_px"], "detected_px": counts["tp_px"] + counts["fp_px"]}
+    counts = {column: np.where(scored, values, 0) for column, values in counts.items()}
+    false_px, epipolar = counts["fp_px"].tolist(), _part(method, counts["fp_px"]).tolist()
+    causes = [[("epipolar", e), ("positive_depth", fp - e)] for e, fp in zip(epipolar, false_px, strict=True)]
     found: dict[str, object] = {
         "recording": [name] * images,
         "camera": [CAMERAS[k % len(CAMERAS)] for k in range(images)],
@@ -70,20 +76,7 @@ def _frames(name: str, images: int, reference: np.random.Generator, method: np.r
         "ego_speed_mps": np.abs(np.cumsum(reference.normal(0, 0.1, images))),
         "status": np.where(scored, "evaluated", "failed").tolist(),
         "problem": [None if k else "truncated image" for k in scored.tolist()],
-        "width": np.where(scored, WIDTH, 0),
-        "height": np.where(scored, HEIGHT, 0),
-        "valid_px": np.where(scored, 250_746, 0),
-        "reference_px": reference_px,
-        "ignored_px": _part(reference, np.where(scored, 3_000, 0)),
-        "detected_px": tp_px + fp_px,
-        "tp_px": tp_px,
-        "fn_px": reference_px - tp_px,
-        "fp_px": fp_px,
-        "fp_unattached_px": _part(method, fp_px),
-        "fp_components": method.integers(0, 60, images) * scored,
-        "fp_large_components": method.integers(0, 6, images) * scored,
-        "fp_largest_px": _part(method, fp_px),
-        "undefined_px": method.integers(0, 2_000, images) * scored,
+        **counts,
         "fp_by_cause": pa.array(causes, type=FRAMES_SCHEMA.field("fp_by_cause").type),
     }
     for column in ("likelihood_reference_px", "likelihood_outside_px"):

@@ -106,7 +106,7 @@ def reference_ms(recordings: Iterable[Recording], protocols: Sequence[str]) -> d
     A sweep is read once by each protocol. The first image of each recording is not timed.
     """
     spent, images = dict.fromkeys(protocols, 0.0), 0
-    settings = {name: load_protocol(name).reference_settings() for name in protocols}
+    settings = {name: load_protocol(name).reference for name in protocols}
     with single_threaded():
         for recording in recordings:
             camera = sorted(recording.cameras)[0]

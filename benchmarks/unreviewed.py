@@ -14,6 +14,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +27,12 @@ from bench.annotation.decisions import to_tracks
 from bench.annotation.drives import evaluate_drives, propose_drives
 from bench.annotation.store import read_review, review_file
 from bench.execution import ProcessExecutor
-from bench.lidar import LidarSweep
 from bench.methods.registry import known_methods
 from bench.recordings import load_card, open_dataset, write_annotations
 from bench.synthesis import read_scenario, synthesize
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES
+from benchmarks.ranking.beams import of_rings
 from tests.support import planting
 
 ROOT = Path(__file__).parents[1]
@@ -54,23 +55,12 @@ options: {{ego_motion: recorded, calibration: recorded}}
 """
 
 
-def _every_second_ring(sweep: LidarSweep) -> LidarSweep:
-    assert sweep.ring is not None
-    kept = sweep.ring % 2 == 0
-    arrays = {
-        name: None if values is None else values[kept]
-        for name in ("points_lidar", "time_offset_ns", "intensity", "ring")
-        for values in [getattr(sweep, name)]
-    }
-    return replace(sweep, **arrays)
-
-
 _PLANTED = {mistake.name: mistake.plant for mistake in MISTAKES}
 CONDITIONS: dict[str, Callable[[Path], object]] = {
     "as recorded": lambda _root: None,
     "yaw rate off by 1 degree per second": _PLANTED["yaw rate off by 1 degree per second"],
     "speed 2 % too high": _PLANTED["speed 2 % too high"],
-    "32 of 64 beams": lambda root: planting.change_sweeps(root, _every_second_ring),
+    "32 of 64 beams": lambda root: planting.change_sweeps(root, partial(of_rings, rings=np.arange(0, 64, 2))),
 }
 
 

@@ -33,7 +33,7 @@ def draw() -> Figure:
     """Draw the returns and patches on the left, core, band and exact mask on the right."""
     recording = next(handle for handle in open_dataset(load_card(str(CARD))) if handle.name == DRIVE).open()
     camera = next(iter(recording.cameras.values()))
-    builder = ReferenceBuilder(recording, camera.name, load_protocol("surface-v1").reference_settings())
+    builder = ReferenceBuilder(recording, camera.name, load_protocol("surface-v1").reference)
     image = next(image for image in recording.images[camera.name] if image.timestamp_ns == TIME_NS)
     annotated = AnnotationIndex(recording, builder.settings).at(TIME_NS)
     exposure = Exposure.at(TIME_NS, recording=recording, camera=camera, valid=builder.valid)

@@ -54,25 +54,11 @@ def made_once(shared: Path, name: str, make: Callable[[Path], object]) -> Path:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _own_cache(shared: Path) -> Iterator[None]:
-    """References are built once in a session, and nothing is left in the user's cache."""
+def _settings_of_the_session(shared: Path) -> Iterator[None]:
+    """References are built once, outside of the user's cache; commands start no processes unless told to."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("FISHEYE_BENCH_CACHE", str(shared / "cache"))
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _one_worker() -> Iterator[None]:
-    """Commands that are called in this process start no others unless they are told to: that takes seconds."""
-    with pytest.MonkeyPatch.context() as patched:
         patched.setattr("bench.commands.options.worker_processes", lambda count: local_executor(count or 1))
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _one_tree_of_commands() -> Iterator[None]:
-    """Commands that are called in this process build the tree of all commands once."""
-    with pytest.MonkeyPatch.context() as patched:
         patched.setattr("typer.main.get_command", cache(get_command))
         yield
 

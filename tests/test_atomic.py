@@ -11,21 +11,13 @@ from bench.errors import DataError, OutputError, UnknownNameError
 def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "deep/a.txt"
     write_text(path, "old")
-
-    def fail():
-        with replacing(path) as temporary:
-            temporary.write_text("half")
-            assert temporary.suffix == ".txt"
-            assert temporary.name.startswith(".")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert path.read_text() == "old"
-    assert list(path.parent.iterdir()) == [path]
+    with pytest.raises(RuntimeError), replacing(path) as temporary:  # noqa: PT012 - the block is what fails
+        temporary.write_text("half")
+        assert (temporary.suffix, temporary.name[0]) == (".txt", ".")
+        raise RuntimeError
+    assert (path.read_text(), list(path.parent.iterdir())) == ("old", [path])
     write_text(path, "new")
-    assert path.read_text() == "new"
-    assert list(path.parent.iterdir()) == [path]
+    assert (path.read_text(), list(path.parent.iterdir())) == ("new", [path])
 
 
 @pytest.mark.parametrize(

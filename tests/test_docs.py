@@ -9,16 +9,17 @@ from pathlib import Path
 
 import pytest
 
+import bench
+
 ROOT = Path(__file__).parents[1]
-LOCAL = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
-FOLDERS = ("datasets", "annotations", "reports")
-PAGES = (
-    *(ROOT / name for name in LOCAL),
-    *(ROOT / folder / "README.md" for folder in FOLDERS),
-    *sorted((ROOT / "docs").glob("*.md")),
-    *sorted((ROOT / "reports/studies").glob("*.md")),
-)
-NOTEBOOKS = {"first-score": 3, "masks-to-score": 1, "bag-to-drive": 0, "red-gate": 0}  # how many pictures each draws
+FOLDERS = (".", "datasets", "annotations", "reports", "docs", "reports/studies")
+PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
+NOTEBOOKS = {  # how many pictures each draws, and what it prints
+    "first-score": (3, r"^all_moving +12 "),
+    "masks-to-score": (1, r"^all_moving +12 .*\n(.*\n)*.*got 1 missing"),
+    "bag-to-drive": (0, r"^0 errors, 0 warnings$(.*\n)*^1 errors, .*\n- .*road's height"),
+    "red-gate": (0, r"^gate passed: (.*\n)*^gate FAILED: (.*\n)*exit status 1$"),
+}
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 CODE = re.compile(r"`[^`\n]+`")
@@ -40,9 +41,15 @@ def prose(page):
 
 
 def anchors(page):
-    """What links can name: its headings, as code hosts and mkdocs spell them; or those that a page is filled with."""
+    """The headings of a page, as code hosts and mkdocs spell them in links."""
     headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def program(page, words):
+    """The one block of code of a page that has these words."""
+    (block,) = [block for _, block in FENCE.findall((ROOT / "docs" / page).read_text("utf-8")) if words in block]
+    return block
 
 
 def test_the_scores_of_the_readme_are_those_of_the_leaderboard():
@@ -92,30 +99,21 @@ def test_commands_that_are_named_exist_and_code_compiles(page, hooks):
             compile(block, str(page), "exec")
 
 
-def test_every_command_is_in_the_reference(hooks):
+def test_every_command_function_and_option_is_in_the_reference(hooks):
     page = (ROOT / "docs/reference.md").read_text("utf-8")
     assert page.count(hooks.MARKER) == page.count(hooks.FUNCTIONS_MARKER) == page.count(hooks.OPTIONS_MARKER) == 1
-    reference = hooks.command_reference()
+    reference, functions = hooks.command_reference(), hooks.function_reference()
     for name, command in hooks.commands():
         section = reference.partition(f"## {name}\n")[2].partition("\n## ")[0]
         assert f"fisheye-bench {name}" in section
         assert all(option in section for one in command.params for option in one.opts if option.startswith("--"))
-
-
-def test_every_function_and_option_is_in_the_reference(hooks):
-    import bench
-
-    functions = hooks.function_reference()
-    assert all(f"`bench.{name}`" in functions for name in ("run", "compare", "judge", "score", "open_dataset"))
-    assert functions.count("\n") == sum(name.islower() for name in bench.__all__) + 1
+    assert all(f"`bench.{name}`" in functions for name in bench.__all__ if name.islower())
     assert "| native: `bin_columns` |" in hooks.option_reference()
 
 
 def test_the_lines_that_write_files_of_a_recording_run(tmp_path, monkeypatch):
-    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-data.md").read_text("utf-8"))]
-    (program,) = [block for block in blocks if "RecordingWriter(" in block]
     monkeypatch.chdir(tmp_path)
-    exec(compile(program, "your-data.md", "exec"), {})
+    exec(program("your-data.md", "RecordingWriter("), {})
     written = {file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("*.*")}
     assert written == {"my-drives/drive-01/lidar/0.npz", "my-drives/drive-01/images/front/0.png"}
 
@@ -133,9 +131,11 @@ def test_the_page_for_maintainers_shows_the_layers_that_are_checked():
 
 def test_every_page_is_in_the_navigation():
     named = set(re.findall(r"(\S+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE))
-    notebooks = {notebook.with_suffix(".md").name for notebook in (ROOT / "docs").glob("*.ipynb")}
-    beside = {"index.md", "reports/leaderboard/leaderboard.md"}  # made of the README; committed elsewhere
-    assert named == {page.name for page in (ROOT / "docs").glob("*.md")} | notebooks | beside
+    pages = {f"{page.stem}.md" for page in (ROOT / "docs").iterdir() if page.suffix in (".md", ".ipynb")}
+    assert named == pages | {
+        "index.md",
+        "reports/leaderboard/leaderboard.md",
+    }  # made of the README; committed elsewhere
 
 
 @pytest.fixture
@@ -154,15 +154,10 @@ def test_a_notebook_is_shown_with_what_it_prints_and_draws(hooks, tmp_path, monk
     assert not any(cell.get("outputs") for cell in stored), "clear the outputs: they are those of one machine"
     monkeypatch.chdir(tmp_path)
     page, pictures = hooks.notebook_page(file)
-    assert len(pictures) == NOTEBOOKS[name]
+    number, printed = NOTEBOOKS[name]
+    assert len(pictures) == number
     assert all(picture.startswith(b"\x89PNG") and f"]({name})" in page for name, picture in pictures.items())
-    printed = {
-        "first-score": r"^all_moving +12 ",
-        "masks-to-score": r"^all_moving +12 .*\n(.*\n)*.*got 1 missing",
-        "bag-to-drive": r"^0 errors, 0 warnings$(.*\n)*^1 errors, .*\n- .*road's height",
-        "red-gate": r"^gate passed: (.*\n)*^gate FAILED: (.*\n)*exit status 1$",
-    }
-    assert re.search(printed[name], page, re.MULTILINE)
+    assert re.search(printed, page, re.MULTILINE)
     assert not list(tmp_path.iterdir())
 
 
@@ -170,21 +165,16 @@ def test_a_notebook_is_shown_with_what_it_prints_and_draws(hooks, tmp_path, monk
 def test_the_programs_of_the_reference_run(tiny_data, capsys):
     for language, block in FENCE.findall((ROOT / "docs/reference.md").read_text("utf-8")):
         if language == "python":
-            exec(compile(block, "reference.md", "exec"), {})
+            exec(block, {})
     assert capsys.readouterr().out.startswith("0.428")
 
 
 @pytest.mark.slow
 def test_the_first_score_is_the_one_of_the_docs(tiny_data):
-    import bench
-
     run = bench.run("tiny", "spherical", protocol="surface-v1", out="run", pictures=False)
-    metrics = run.metrics.loc["all_moving"]
-    shown = [metrics[name] for name in ("iou", "tpr_all", "detection_rate", "detection_rate_50", "ceiling_iou")]
-    page = (ROOT / "docs/start.md").read_text("utf-8")
-    (row,) = re.findall(r"^All moving +12 +(.+)$", page, re.MULTILINE)
-    assert row.split() == [f"{100 * value:.1f}" for value in shown]
-    assert re.search(rf"^False positives +12 +{100 * run.false_positives:.1f}$", page, re.MULTILINE)
+    shown = run.metrics.loc["all_moving", ["iou", "tpr_all", "detection_rate", "detection_rate_50", "ceiling_iou"]]
+    (rows,) = re.findall(r"^All moving +12 (.+)\nFalse positives +12 (.+)$", program("start.md", "Cases"), re.MULTILINE)
+    assert " ".join(rows).split() == [f"{100 * value:.1f}" for value in (*shown, run.false_positives)]
 
 
 # The largest less the smallest of two images: ReduceMax, ReduceMin, Sub; made with onnx.helper.
@@ -198,29 +188,19 @@ DIFFERENCE_NETWORK = bytes.fromhex(
 
 
 def test_the_network_of_the_page_is_scored(tiny_data):
-    import bench
-
-    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-method.md").read_text("utf-8"))]
-    (program,) = [block for block in blocks if "class MyNetwork" in block]
     Path("my_network.onnx").write_bytes(DIFFERENCE_NETWORK)
-    names = {}
-    exec(compile(program, "your-method.md", "exec"), names)
-    method = names["MyNetwork"](threshold=0.1)
+    exec(program("your-method.md", "class MyNetwork"), names := {})
     frame = next(bench.open_dataset("tiny").frames(recordings=["standing"]))
-    found = method.segment(frame.input)
+    answer = names["MyNetwork"](threshold=0.1).segment(frame.input)
     previous, current = (image.astype(int) for image in frame.input.images)
     expected = (abs(current - previous) / 255 > 0.1) & frame.input.valid
     assert expected.any()
-    assert (found.mask == expected).all()
+    assert (answer.mask == expected).all()
 
 
-def test_the_class_of_the_page_is_scored(tiny_data, tmp_path, monkeypatch):
-    import bench
-
-    blocks = [block for _, block in FENCE.findall((ROOT / "docs/your-method.md").read_text("utf-8"))]
-    (program,) = [block for block in blocks if block.startswith('"""my_method.py')]
-    (tmp_path / "my_method.py").write_text(program, "utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
+def test_the_class_of_the_page_is_scored(tiny_data, monkeypatch):
+    Path("my_method.py").write_text(program("your-method.md", "class FrameDifference"), "utf-8")
+    monkeypatch.syspath_prepend(Path.cwd())
     run = bench.run("tiny", "my_method:FrameDifference", settings={"threshold": 20.0}, out="run", pictures=False)
     assert (run.manifest.method.name, run.summary.images.evaluated) == ("my-frame-difference", 12)
     sys.modules.pop("my_method")

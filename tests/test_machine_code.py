@@ -21,7 +21,7 @@ def test_machine_code_is_cached_until_a_file_beside_it_changes(tmp_path, monkeyp
     package = tmp_path / "loops"
     package.mkdir()
     (package / "function.py").write_text(FUNCTION)
-    found, cached = [], []
+    steps, cached = [], []
     for step in (1.0, 2.0, 2.0):
         (package / "numbers.py").write_text(f"STEP = {step}")
         for name in [name for name in sys.modules if name.partition(".")[0] == "loops"]:
@@ -29,7 +29,6 @@ def test_machine_code_is_cached_until_a_file_beside_it_changes(tmp_path, monkeyp
         invalidate_caches()
         add, values = import_module("loops.function").add, np.zeros(1)
         add(values)
-        found.append(values[0])
+        steps.append(values[0])
         cached.append(sum(add.stats.cache_hits.values()))
-    assert found == [1.0, 2.0, 2.0]
-    assert cached == [0, 0, 1]
+    assert (steps, cached) == ([1.0, 2.0, 2.0], [0, 0, 1])

@@ -12,15 +12,12 @@ from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 PROGRAM = """
-import os
-import sys
+import os, sys
 from bench.recordings import load_card
-from bench.recordings.cards import shipped_folder
 card = load_card("demo")
 assert card.file.is_relative_to(sys.argv[1]), card.file
 assert card.scenario.is_file()
 assert card.address == "demo", "the same on each machine"
-assert (shipped_folder("baselines") / "demo" / "sums.csv").is_file()
 print(card.root)
 os.environ["FISHEYE_BENCH_DATA"] = "mine"
 print(card.root)
@@ -32,8 +29,7 @@ def installed(tmp_path_factory):
     """The wheel, unpacked where no checkout is."""
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
-    done = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    subprocess.run(build, cwd=ROOT, check=True)
     (wheel,) = folder.glob("*.whl")
     with zipfile.ZipFile(wheel) as content:
         content.extractall(folder / "site")
@@ -41,11 +37,8 @@ def installed(tmp_path_factory):
 
 
 def test_cards_baselines_and_templates_ship(installed):
-    for place, pattern in (
-        ("datasets", "*.yaml"),
-        ("reports/baselines", "*/*"),
-        ("reports/leaderboard", "leaderboard.json"),
-    ):
+    patterns = {"datasets": "*.yaml", "reports/baselines": "*/*", "reports/leaderboard": "leaderboard.json"}
+    for place, pattern in patterns.items():
         folder = installed / "bench/shipped" / Path(place).name
         shipped = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
         assert shipped == {path.relative_to(ROOT / place) for path in (ROOT / place).glob(pattern)}
@@ -57,12 +50,12 @@ def test_data_of_shipped_cards_go_to_a_cache_folder(installed, tmp_path):
     environment = {name: value for name, value in os.environ.items() if not name.startswith("FISHEYE_BENCH")}
     environment |= {"PYTHONPATH": str(installed), "XDG_CACHE_HOME": str(tmp_path / "cache"), "HOME": str(tmp_path)}
     command = [sys.executable, "-c", PROGRAM, str(installed)]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    cached, named = map(Path, done.stdout.split())
+    printed = subprocess.run(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True, check=True
+    ).stdout
+    cached, named = map(Path, printed.split())
     assert cached.is_relative_to(tmp_path)  # on Linux in its cache, elsewhere in its Library
-    assert cached.name == "demo"
-    assert named == Path("mine/demo")
+    assert (cached.name, named) == ("demo", Path("mine/demo"))
     assert not list(installed.rglob("data"))
 
 

@@ -1,9 +1,6 @@
 """A rendered drive of a camera with a rolling shutter: its truth, its reference and what methods make of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,9 +9,8 @@ import pytest
 from bench.errors import UsageError
 from bench.evaluation.protocol import load_protocol
 from bench.harness.frames import FramePipeline
-from bench.methods import Method
 from bench.methods.registry import build_method
-from bench.recordings import MountedCamera, Recording, open_native, read_truth
+from bench.recordings import open_native, read_truth
 from bench.reference import visible_region
 from bench.reference.exposure import Exposure
 from bench.reporting.frame_pictures import SweepViewer
@@ -23,9 +19,7 @@ from bench.synthesis.ego import mounted_rig, own_body
 from bench.synthesis.exact_flow import ExactFlowCaster
 from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer, moment, readout_bands
-from bench.synthesis.mesh import PlacedMesh
-from bench.synthesis.scenario import Scenario
-from bench.synthesis.scene import FIRST_IMAGE_NS, Scene, build_scene
+from bench.synthesis.scene import FIRST_IMAGE_NS, build_scene
 
 SCENARIO = """
 name: rolling
@@ -55,36 +49,40 @@ recordings:
     host: {speed_kmh: [30], yaw_rate_degps: [30]}
     street: {curvature_per_m: 0.0628}
 """
-PROTOCOL = load_protocol("paper-v1")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rolling")
     (folder / "scenario.yaml").write_text(SCENARIO)
     synthesize(folder / "scenario.yaml", folder / "out", workers=1)
     return folder
 
 
-def opened(folder: Path, name: str, *, rolling: bool = True) -> Recording:
+def both_ways(folder, name="straight"):
+    """A drive as it was rendered, and as if all rows were exposed at once."""
     drive = open_native(folder / "out" / name)
-    if rolling:
-        return drive
-    return replace(drive, cameras={"left": replace(drive.cameras["left"], rolling_shutter=None)})
+    yield drive
+    yield replace(drive, cameras={"left": replace(drive.cameras["left"], rolling_shutter=None)})
 
 
-def prepared(folder: Path) -> tuple[Scenario, Scene, MountedCamera]:
+@pytest.fixture
+def prepared(folder):
     """The straight drive's scenario, scene and camera."""
     scenario = read_scenario(folder / "scenario.yaml")
     spec = scenario.recordings[0]
     return scenario, build_scene(scenario, spec), mounted_rig(scenario, spec).cameras["left"]
 
 
-def error_m(drive: Recording, scene: Scene, car: PlacedMesh) -> float:
-    """By how much a standing car has to be shifted along the street for its surface to fit the exact mask best."""
+def last_exposure(drive):
     image, camera = drive.images["left"][-1], drive.cameras["left"]
+    return image, camera, Exposure.at(image.timestamp_ns, recording=drive, camera=camera, valid=visible_region(camera))
+
+
+def error_m(drive, scene, car):
+    """By how much a standing car has to be shifted along the street for its surface to fit the exact mask best."""
+    image, camera, exposure = last_exposure(drive)
     valid = visible_region(camera)
-    exposure = Exposure.at(image.timestamp_ns, recording=drive, camera=camera, valid=valid)
     scene_from_vehicle = scene.ego.at([image.timestamp_ns - FIRST_IMAGE_NS]).transform()
     corners = scene_from_vehicle.inverse().apply(car.mesh.corners_m.reshape(-1, 3))
     true, world_from_vehicle = read_truth(image) == car.instance_id, exposure.vehicle_from_world.inverse()
@@ -100,68 +98,64 @@ def error_m(drive: Recording, scene: Scene, car: PlacedMesh) -> float:
     return float(shifts_m[np.argmax(overlaps)])
 
 
-def test_an_image_is_off_by_what_is_driven_between_its_rows(folder: Path) -> None:
+def test_an_image_is_off_by_what_is_driven_between_its_rows(folder, prepared):
     """0.35 m are driven in 25 ms at 14 m/s; two cars are seen by the first and the last sixth of the rows."""
-    _, scene, _ = prepared(folder)
+    scene = prepared[1]
     with_rows, at_once = (
-        [error_m(opened(folder, "straight", rolling=rolling), scene, actor.placed(0)) for actor in scene.actors]
-        for rolling in (True, False)
+        [error_m(drive, scene, actor.placed(0)) for actor in scene.actors] for drive in both_ways(folder)
     )
     assert np.abs(with_rows).max() < 0.03
     assert abs(at_once[0] - at_once[1]) > 0.2
 
 
-def test_lidar_points_are_drawn_at_their_rows(folder: Path) -> None:
-    found = []
-    for drive in (opened(folder, "straight"), opened(folder, "straight", rolling=False)):
-        image, camera = drive.images["left"][-1], drive.cameras["left"]
-        exposure = Exposure.at(image.timestamp_ns, recording=drive, camera=camera, valid=visible_region(camera))
+def test_lidar_points_are_drawn_at_their_rows(folder):
+    pixels = []
+    for drive in both_ways(folder):
+        image, camera, exposure = last_exposure(drive)
         seen = SweepViewer(drive, camera).see(image)
-        assert seen is not None
-        expected = exposure.project(seen.points_world)
-        assert np.allclose(seen.pixels, expected[camera.model.contains(expected)], atol=1e-6)
-        found.append(expected)
-    assert np.nanmax(np.abs(found[0] - found[1])) > 3
+        pixels.append(exposure.project(seen.points_world))
+        assert np.allclose(seen.pixels, pixels[-1][camera.model.contains(pixels[-1])], atol=1e-6)
+    assert np.nanmax(np.abs(pixels[0] - pixels[1])) > 3
 
 
-def test_each_band_shows_the_scene_at_its_own_time(folder: Path) -> None:
-    scenario, scene, camera = prepared(folder)
-    assert camera.rolling_shutter is not None
+def test_each_band_shows_the_scene_at_its_own_time(folder, prepared):
+    scenario, scene, camera = prepared
     bands = readout_bands(camera.model, camera.rolling_shutter)
     assert len(bands) == 25
     assert sorted(u for (_, columns), _ in bands for u in range(320)[columns]) == list(range(320))
     assert [bands[0][1], bands[-1][1]] == pytest.approx([-12e6, 12e6], abs=0.05e6)
-    image = opened(folder, "straight").images["left"][-1]
+    image = open_native(folder / "out/straight").images["left"][-1]
     renderer = ImageRenderer(
         camera, own_body=own_body(), world=scene.world, atlas=texture_atlas(scenario.seed), light=scene.light,
         sensor=scenario.cameras[0].sensor,
     )  # fmt: skip
-    truth, differing = read_truth(image), 0
-    middle = renderer.render(moment(scene, image.timestamp_ns - FIRST_IMAGE_NS), rng=np.random.default_rng(0))
-    for band, offset_ns in bands[3:-3:6]:
+
+    def instances(offset_ns):
         then = moment(scene, image.timestamp_ns - FIRST_IMAGE_NS + offset_ns)
-        assert np.array_equal(renderer.render(then, rng=np.random.default_rng(0)).instance_ids[band], truth[band])
-        differing += (middle.instance_ids[band] != truth[band]).sum()
+        return renderer.render(then, rng=np.random.default_rng(0)).instance_ids
+
+    truth, middle, differing = read_truth(image), instances(0), 0
+    for band, offset_ns in bands[3:-3:6]:
+        assert np.array_equal(instances(offset_ns)[band], truth[band])
+        differing += (middle[band] != truth[band]).sum()
     assert differing > 10
 
 
-@pytest.mark.parametrize("drive", ["straight", "turning"])
+@pytest.mark.parametrize("name", ["straight", "turning"])
 @pytest.mark.parametrize(
-    "method",
-    [build_method("spherical", {"first_guess": True}), build_method("rigid-scene", {"refine_motion": False})],
-    ids=["spherical", "rigid-scene"],
+    ("method", "settings"), [("spherical", {"first_guess": True}), ("rigid-scene", {"refine_motion": False})]
 )
-def test_methods_that_are_told_mark_less_of_what_is_static(folder: Path, drive: str, method: Method) -> None:
-    shares = []
-    for rolling in (True, False):
-        pipeline = FramePipeline(opened(folder, drive, rolling=rolling), "left", method=method, protocol=PROTOCOL)
+def test_methods_that_are_told_mark_less_of_what_is_static(folder, name, method, settings):
+    method, shares = build_method(method, settings), []
+    for drive in both_ways(folder, name):
+        pipeline = FramePipeline(drive, "left", method=method, protocol=load_protocol("paper-v1"))
         given = pipeline.method_input(3)
-        assert (given.rolling_shutter is not None) == rolling
+        assert given.rolling_shutter == drive.cameras["left"].rolling_shutter
         shares.append(method.segment(given).mask.mean())
     assert shares[0] < 0.6 * shares[1]
 
 
-def test_exact_flow_refuses_a_rolling_shutter(folder: Path) -> None:
-    _, scene, camera = prepared(folder)
+def test_exact_flow_refuses_a_rolling_shutter(prepared):
+    _, scene, camera = prepared
     with pytest.raises(UsageError, match="rolling shutter"):
         ExactFlowCaster(scene, camera, valid=visible_region(camera))

@@ -29,14 +29,11 @@ def test_no_page_needs_the_network(pages):
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (390, "light")])
 def test_every_page_is_accessible_and_as_wide_as_the_window(pages, tmp_path, width, scheme):
-    browser, faults = headless_chromium(tmp_path), []
-    try:
+    faults = []
+    with headless_chromium(tmp_path) as browser:
         for page in pages:
             opened(browser, page, width=width, scheme=scheme)
             needed_px = browser.execute_script("return document.documentElement.scrollWidth")
             faults += [f"{page.name}: {fault}" for fault in accessibility_faults(browser)]
             faults += [f"{page.name}: {needed_px} px wide"] * (needed_px > width)
-    finally:
-        browser.quit()
-    assert len(pages) > 20
-    assert faults == []
+    assert (len(pages) > 20, faults) == (True, [])

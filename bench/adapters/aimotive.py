@@ -33,10 +33,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, RootModel
 from scipy.spatial.transform import Rotation
 
-from bench.atomic import linked_folder, path_inside
+from bench.atomic import linked_folder, path_inside, refuse_escape
 from bench.cameras import UnifiedCamera
 from bench.egomotion import Trajectory, read_bus_signals
 from bench.errors import DataError
@@ -44,7 +44,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import read_sweep
 from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
-from bench.recordings.files import framed_files, read_object
+from bench.recordings.files import framed_files
 from bench.recordings.mounting import FisheyeOptions, Polygon
 from bench.recordings.validation import (
     FileModel,
@@ -176,6 +176,10 @@ def _timed(paths: Mapping[int, Path], times_ns: Mapping[int, int]) -> Iterator[t
         yield times_ns[number], path
 
 
+class Entries(RootModel[dict[str, Any]]):
+    """Calibrations by sensor, or poses by frame number; entries that are not used may be any."""
+
+
 # Calibration
 
 
@@ -216,7 +220,8 @@ def read_calibration(
         DataError: a missing file, a camera without a calibration, one of another model, or a mounting that is none.
     """
     file = folder / CALIBRATION
-    content = read_object(root, file, expected="calibrations by sensor name")
+    refuse_escape(root, file, file=file)
+    content = read_json(Entries, file).root
     names = options.cameras
     if names is None:
         present = sorted(path.name for path in folder.glob("sensor/camera/*") if path.is_dir())
@@ -254,9 +259,7 @@ def _camera(name: str, content: Mapping[str, Any], file: Path, options: Aimotive
             tangential=(p1, p2),
             max_angle_rad=options.max_angle_rad(name),
         )
-    return options.mounted(
-        name, lens, vehicle_from_camera, ground_height_m=options.ground_height_m, file=file, field=name
-    )
+        return options.mounted(name, lens, vehicle_from_camera, ground_height_m=options.ground_height_m)
 
 
 # Ego-motion
@@ -274,7 +277,8 @@ def _own_trajectory(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tr
         times_ns: of frames, from the files of boxes; poses of other frames are passed over.
     """
     file = folder / EGO_MOTION
-    content = read_object(root, file, expected="poses by frame number")
+    refuse_escape(root, file, file=file)
+    content = read_json(Entries, file).root
     keys = {int(key): key for key in content if key.isascii() and key.isdigit() and len(key) < 10}
     frames = sorted(keys.keys() & times_ns.keys())
     poses = [_pose(content[keys[frame]], f"{keys[frame]}.{POSE}", file) for frame in frames]

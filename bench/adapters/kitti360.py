@@ -26,7 +26,7 @@ What is translated here, once:
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -35,7 +35,14 @@ import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field
 
 from bench.adapters.kitti360_boxes import read_boxes, tracks_from_world
-from bench.adapters.kitti_files import TURN_OVER, drive_through, read_clock, read_poses, read_turn
+from bench.adapters.kitti_files import (
+    TURN_OVER,
+    calibration_text,
+    read_calibration,
+    read_clock,
+    read_drive,
+    read_turn,
+)
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import UnifiedCamera
 from bench.errors import DataError
@@ -43,7 +50,7 @@ from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml
 from bench.recordings.annotations import read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
-from bench.recordings.files import framed_files, numbers, read_text
+from bench.recordings.files import framed_files
 from bench.recordings.mounting import FisheyeOptions, Polygon
 from bench.recordings.validation import FileModel, ForeignModel, SidePx, in_order, located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, MountedCamera, Recording, SweepRef, Track
@@ -51,7 +58,6 @@ from bench.records.recording import COMPLETELY, NOT_ANNOTATED, ImageRef, Mounted
 CALIBRATION, IMAGES, SWEEPS = "calibration", "data_2d_raw", "data_3d_raw"
 POSES, BOXES = "data_poses", "data_3d_bboxes"
 SEQUENCE = re.compile(r"\d{4}_\d\d_\d\d_drive_(\d{4})_sync")
-LARGEST_CALIBRATION_BYTES = 100_000
 CameraName = Literal["image_02", "image_03"]
 Frame = Annotated[int, Field(ge=0)]
 
@@ -134,15 +140,15 @@ def open_kitti360(root: Path, folder: Path, options: Kitti360Options, *, annotat
     if not images[names[0]]:
         raise DataError(folder / names[0] / "data_rgb", expected="images <frame, ten digits>.png", got="none")
     clock = read_clock(inside(folder / names[0] / "timestamps.txt"), list(images[names[0]]))
-    poses = inside(root / POSES / sequence / "poses.txt")
-    drive = drive_through(read_poses(poses, clock), clock, vehicle_from_imu, file=poses)
+    drive = read_drive(inside(root / POSES / sequence / "poses.txt"), clock, vehicle_from_imu)
     boxes = root / BOXES / options.boxes / f"{sequence}.xml"
     tracks: tuple[Track, ...] = ()
-    windows: tuple[tuple[int, int], ...] = ()
+    windows: set[tuple[int, int]] = set()
     if annotations is not None:
         tracks = read_annotations(annotations)
     elif boxes.is_file():
-        tracks, windows = tracks_from_world(read_boxes(inside(boxes)), drive, clock)
+        objects, windows = read_boxes(inside(boxes))
+        tracks = tracks_from_world(objects, drive, clock)
     left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
 
     def evaluated(files: Mapping[int, Path]) -> list[tuple[int, Path]]:
@@ -178,7 +184,7 @@ def _camera_names(folder: Path, options: Kitti360Options) -> tuple[CameraName, .
     return tuple(name for name in options.cameras if (folder / name / "data_rgb").is_dir())
 
 
-def _within(frame: int, spans: Sequence[tuple[int, int]]) -> bool:
+def _within(frame: int, spans: Iterable[tuple[int, int]]) -> bool:
     return any(first <= frame <= last for first, last in spans)
 
 
@@ -243,23 +249,23 @@ def read_rig(
     """
     folder = root / CALIBRATION
     within = linked_folder(root, folder, levels=options.follow_links)
-    poses = folder / "calib_cam_to_pose.txt"
-    imu_from = _cameras_in_imu(within, poses, ("image_00", *names))
-    file = folder / "calib_cam_to_velo.txt"
-    lidar_from_camera = _transform(_text(within, file).split(), file=file, field="calib_cam_to_velo")
-    imu_from_lidar = imu_from["image_00"] @ lidar_from_camera.inverse()
+    poses = read_calibration(within, folder / "calib_cam_to_pose.txt")
+    lidar_from_camera = read_calibration(within, folder / "calib_cam_to_velo.txt").transform("")
+    imu_from_lidar = poses.transform("image_00") @ lidar_from_camera.inverse()
     offset_m = np.array(options.lidar_position_m) - TURN_OVER @ imu_from_lidar.translation_m
     vehicle_from_imu = RigidTransform(TURN_OVER, offset_m)
     cameras: dict[str, MountedCamera] = {}
     for name in names:
         lens = _lens(within, folder / f"{name}.yaml", name, options)
-        cameras[name] = options.mounted(name, lens, vehicle_from_imu @ imu_from[name], file=poses, field=name)
+        mounting = vehicle_from_imu @ poses.transform(name)
+        with located(poses.file, name):
+            cameras[name] = options.mounted(name, lens, mounting)
     return vehicle_from_imu, vehicle_from_imu @ imu_from_lidar, cameras
 
 
 def _lens(root: Path, file: Path, name: CameraName, options: Kitti360Options) -> UnifiedCamera:
     # OpenCV's dialect: a first line `%YAML:1.0` and keys without a blank after the colon are not YAML.
-    lines = [line for line in _text(root, file).splitlines() if not line.startswith("%YAML")]
+    lines = [line for line in calibration_text(root, file).splitlines() if not line.startswith("%YAML")]
     values = parse_yaml("\n".join(re.sub(r"^(\s*\w+):(?=\S)", r"\1: ", line) for line in lines), file=file)
     if not isinstance(values, dict):
         raise DataError(file, expected="keys and values", got=type(values).__name__)
@@ -278,23 +284,3 @@ def _lens(root: Path, file: Path, name: CameraName, options: Kitti360Options) ->
             tangential=(bend.p1, bend.p2),
             max_angle_rad=options.max_angle_rad(name),
         )
-
-
-def _cameras_in_imu(root: Path, file: Path, names: tuple[str, ...]) -> dict[str, RigidTransform]:
-    lines = [line.partition(":") for line in _text(root, file).splitlines()]
-    stated = {name: words for name, colon, words in lines if colon and name in names}
-    for name in names:
-        if name not in stated:
-            raise DataError(file, field=name, expected="a line with 12 numbers", got="none")
-    return {name: _transform(stated[name].split(), file=file, field=name) for name in names}
-
-
-def _transform(words: list[str], *, file: Path, field: str) -> RigidTransform:
-    values = numbers(words, 12, file=file, field=field)
-    with located(file, field):
-        return RigidTransform.from_matrix(np.array(values).reshape(3, 4))
-
-
-def _text(root: Path, file: Path) -> str:
-    refuse_escape(root, file, file=file)
-    return read_text(file, largest_bytes=LARGEST_CALIBRATION_BYTES)

@@ -10,7 +10,7 @@ stands has `timestamp` -1, what moves one child per frame, joined by semanticId 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -69,12 +69,11 @@ STATIC_RANGE_M = 25.0  # stationary objects are annotated while they are this ne
 Window = tuple[int, int]  # first and last frame of a stretch that was annotated together
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class WorldBox:
     """A box at a frame, or a stationary one.
 
     Attributes:
-        key: what joins the boxes of one object.
         label: None for one that is marked dynamic but has a label that is not known to move.
         dynamic: as marked.
         frame: of the box; -1 for a stationary one.
@@ -84,7 +83,6 @@ class WorldBox:
         size_m: (3,) float64, full lengths along the box's own axes.
     """
 
-    key: str
     label: Label | None
     dynamic: bool
     frame: int
@@ -94,44 +92,37 @@ class WorldBox:
     size_m: NDArray[np.float64]
 
 
-def read_boxes(file: Path) -> Iterator[tuple[Window | None, WorldBox | None]]:
+def read_boxes(file: Path) -> tuple[dict[str, list[WorldBox]], set[Window]]:
     """Read the boxes of everything that can move.
 
     Args:
         file: of boxes.
 
-    Yields:
-        For each object, in the order of the file, its window if it has one, and its box if it can move.
+    Returns:
+        The boxes of each object, by what joins them and in the order of the file; and the windows of all objects.
 
     Raises:
         DataError: missing, cut short, not XML, with entities, or an object that is not whole.
     """
+    boxes: dict[str, list[WorldBox]] = defaultdict(list)
+    windows: set[Window] = set()
     for element in xml_parts(file, level=1, parts="objects", largest_bytes=LARGEST_OBJECT_BYTES, deepest=DEEPEST):
-        if element.find("transform") is not None:
-            window = _window(element, file)
-            yield window, _world_box(element, window, file)
-
-
-def _world_box(element: Element, window: Window | None, file: Path) -> WorldBox | None:
-    semantic, name = _integer(element, "semanticId", file), (element.findtext("label") or "").strip()
-    label = BY_NAME.get(name) if semantic is None else BY_KITTI_NUMBER.get(semantic)
-    dynamic = bool(_integer(element, "dynamic", file) or 0)
-    if label is None and not dynamic:
-        return None
-    rotation, centre_m, size_m = _extent(element, file)
-    frame = _integer(element, "timestamp", file)
-    if frame is None or frame < STATIONARY:
-        raise DataError(file, field=f"{element.tag}.timestamp", expected="a frame number, or -1", got=str(frame))
-    return WorldBox(
-        key=_key(element, label, semantic, file),
-        label=label,
-        dynamic=dynamic,
-        frame=frame,
-        window=window,
-        rotation=rotation,
-        centre_m=centre_m,
-        size_m=size_m,
-    )
+        if element.find("transform") is None:
+            continue
+        window = _window(element, file)
+        if window is not None:
+            windows.add(window)
+        semantic, name = _integer(element, "semanticId", file), (element.findtext("label") or "").strip()
+        label = BY_NAME.get(name) if semantic is None else BY_KITTI_NUMBER.get(semantic)
+        dynamic = bool(_integer(element, "dynamic", file) or 0)
+        if label is not None or dynamic:
+            key, extent = _key(element, label, semantic, file), _extent(element, file)
+            frame = _integer(element, "timestamp", file)
+            if frame is None or frame < STATIONARY:
+                field = f"{element.tag}.timestamp"
+                raise DataError(file, field=field, expected="a frame number, or -1", got=str(frame))
+            boxes[key].append(WorldBox(label, dynamic, frame, window, *extent))
+    return boxes, windows
 
 
 def _key(element: Element, label: Label | None, semantic: int | None, file: Path) -> str:
@@ -198,9 +189,7 @@ def _matrix(element: Element, name: str, file: Path) -> NDArray[np.float64]:
 # From boxes in the data set's world to tracks in the vehicle frame, frame by frame
 
 
-def tracks_from_world(
-    boxes: Iterable[tuple[Window | None, WorldBox | None]], drive: Drive, clock: FrameClock
-) -> tuple[tuple[Track, ...], tuple[Window, ...]]:
+def tracks_from_world(boxes: Mapping[str, Sequence[WorldBox]], drive: Drive, clock: FrameClock) -> tuple[Track, ...]:
     """Put boxes where the vehicle sees them.
 
     Stationary boxes get a state at each frame of their window at which they are near. Frames without ego-motion have no
@@ -208,25 +197,17 @@ def tracks_from_world(
     do walk (kitti360Scripts #77).
 
     Args:
-        boxes: as `read_boxes` yields them.
+        boxes: of each object.
         drive: where the vehicle was.
         clock: times of frames.
 
     Returns:
-        tracks: of everything that can move, whether it does or not.
-        windows: stretches of frames that were annotated, merged and in order; empty where the file does not say.
+        Tracks of everything that can move, whether it does or not.
     """
     ego = _EgoPath(drive, clock)
-    groups: dict[str, list[WorldBox]] = defaultdict(list)
-    windows: set[Window] = set()
-    for window, box in boxes:
-        if window is not None:
-            windows.add(window)
-        if box is not None:
-            groups[box.key].append(box)
-    tracks = [_track(key, group, ego) for key, group in groups.items()]
-    kinds = {key: group[0].label.name for key, group in groups.items() if group[0].label is not None}
-    return joined_riders([track for track in tracks if track.states], kinds), _merged(windows)
+    tracks = [_track(key, group, ego) for key, group in boxes.items()]
+    kinds = {key: group[0].label.name for key, group in boxes.items() if group[0].label is not None}
+    return joined_riders([track for track in tracks if track.states], kinds)
 
 
 class _EgoPath:
@@ -316,19 +297,9 @@ def _axes(rotation: NDArray[np.float64], size_m: NDArray[np.float64]) -> tuple[i
     return along, up
 
 
-def _merged(windows: Iterable[Window]) -> tuple[Window, ...]:
-    merged: list[Window] = []
-    for first, last in sorted(windows):
-        if merged and first <= merged[-1][1] + 1:
-            merged[-1] = merged[-1][0], max(merged[-1][1], last)
-        else:
-            merged.append((first, last))
-    return tuple(merged)
-
-
 # A rider and what is ridden
 
-RIDERS, RIDDEN = frozenset({"rider"}), frozenset({"bicycle", "motorcycle"})
+RIDDEN = frozenset({"bicycle", "motorcycle"})
 TOGETHER = 0.5  # share of the frames in which both are seen; a rider passes a parked bicycle in few
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
@@ -348,7 +319,7 @@ def joined_riders(tracks: Sequence[Track], kinds: Mapping[str, str]) -> tuple[Tr
     Returns:
         All tracks, a pair in the place of the rider.
     """
-    riders = [track for track in tracks if kinds.get(track.track_id) in RIDERS]
+    riders = [track for track in tracks if kinds.get(track.track_id) == "rider"]
     ridden = [track for track in tracks if kinds.get(track.track_id) in RIDDEN]
     pairs = [(away, a.track_id, b) for a in riders for b in ridden if (away := _apart_m(a, b)) is not None]
     below: dict[str, Track] = {}

@@ -1,4 +1,4 @@
-"""Files of KITTI's data sets: times of frames, turns of the laser scanner, and the poses of KITTI-360."""
+"""Files of KITTI's data sets: calibrations, times of frames, turns of the laser scanner, and poses of KITTI-360."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import refuse_escape
 from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
@@ -19,9 +21,64 @@ from bench.recordings.validation import located
 from bench.times import SECOND_NS
 
 STAMP = re.compile(r"(19|20)\d\d-\d\d-\d\d \d\d:\d\d:\d\d\.\d{1,9}", re.ASCII)  # other years do not fit int64
-LARGEST_FRAME = 10_000_000
+LARGEST_CALIBRATION_BYTES = 100_000
 LONGEST_GAP_NS, STATIONARY_M = SECOND_NS, 0.5
 TURN_OVER = np.diag([1.0, -1.0, -1.0])  # from y right, z down to y left, z up
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Calibration:
+    """A text file of numbers, after their names or alone.
+
+    Attributes:
+        file: it comes from.
+        words: numbers by name, as words; by "" those of a file without names.
+    """
+
+    file: Path
+    words: Mapping[str, list[str]]
+
+    def numbers(self, name: str, *shape: int) -> NDArray[np.float64]:
+        """Numbers of a name, in this shape.
+
+        Raises:
+            DataError: there are none of this name, or more or fewer.
+        """
+        count, field = int(np.prod(shape)), name or self.file.stem
+        if name not in self.words:
+            raise DataError(self.file, field=field, expected=f"a line with {count} numbers", got="none")
+        return np.array(numbers(self.words[name], count, file=self.file, field=field)).reshape(shape)
+
+    def transform(self, name: str, translation_m: NDArray[np.float64] | None = None) -> RigidTransform:
+        """The transform of 3 x 3 numbers and a translation, or of 3 x 4 numbers.
+
+        Raises:
+            DataError: as of `numbers`, or a matrix that does not only rotate.
+        """
+        if translation_m is None:
+            matrix = self.numbers(name, 3, 4)
+        else:
+            matrix = np.column_stack([self.numbers(name, 3, 3), translation_m])
+        with located(self.file, name or self.file.stem):
+            return RigidTransform.from_matrix(matrix)
+
+
+def calibration_text(root: Path, file: Path) -> str:
+    """The text of a calibration file, which no link may lead out of the data set.
+
+    Raises:
+        DataError: missing, outside of `root`, too large, empty, or not UTF-8.
+    """
+    refuse_escape(root, file, file=file)
+    return read_text(file, largest_bytes=LARGEST_CALIBRATION_BYTES)
+
+
+def read_calibration(root: Path, file: Path) -> Calibration:
+    """Read numbers in lines `<name>: <numbers>`, or a file of numbers alone; errors as of `calibration_text`."""
+    text = calibration_text(root, file)
+    lines = [line.partition(":") for line in text.splitlines()]
+    named = {name.strip(): words.split() for name, colon, words in lines if colon}
+    return Calibration(file=file, words=named or {"": text.split()})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,7 +95,7 @@ class FrameClock:
     times_ns: dict[int, int]
     interval_ns: int
 
-    def at(self, frame: int, *, file: Path) -> int:
+    def at(self, frame: float, *, file: Path) -> int:
         """Time of a frame.
 
         Args:
@@ -49,8 +106,8 @@ class FrameClock:
             DataError: the clock does not know the frame.
         """
         if frame not in self.times_ns:
-            raise DataError(file, expected=f"a line for frame {frame} in {self.file}", got="none")
-        return self.times_ns[frame]
+            raise DataError(file, expected=f"a line for frame {frame:g} in {self.file}", got="none")
+        return self.times_ns[int(frame)]
 
 
 def read_clock(file: Path, frames: list[int]) -> FrameClock:
@@ -116,63 +173,36 @@ class Drive:
     world_from_global: RigidTransform
 
 
-def read_poses(file: Path, clock: FrameClock) -> dict[int, RigidTransform]:
-    """Read `poses.txt`.
-
-    Args:
-        file: lines of frame number and 3 x 4 matrix.
-        clock: times of frames.
-
-    Returns:
-        Frame -> global world from IMU, increasing.
-
-    Raises:
-        DataError: missing, too large, empty, not UTF-8, a line that is no pose, or frames that do not increase or have
-            no time.
-    """
-    poses: dict[int, RigidTransform] = {}
-    before = -1
-    for row, line in enumerate(read_text(file).rstrip().splitlines(), start=1):
-        if not line.strip():
-            continue
-        number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
-        if number != round(number) or not 0 <= number <= LARGEST_FRAME:
-            raise DataError(file, field=f"line {row}", expected="a whole frame number", got=f"{number:g}")
-        frame = int(number)
-        with located(file, f"row {row}"):
-            poses[frame] = RigidTransform.from_matrix(np.array(matrix).reshape(3, 4))
-        clock.at(frame, file=file)
-        if frame <= before:
-            got = f"{frame} after {before}"
-            raise DataError(file, field=f"line {row}", expected="frames that increase", got=got)
-        before = frame
-    return poses
-
-
-def drive_through(
-    poses: Mapping[int, RigidTransform], clock: FrameClock, vehicle_from_imu: RigidTransform, *, file: Path
-) -> Drive:
-    """The drive through the poses of frames.
+def read_drive(file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform) -> Drive:
+    """Read `poses.txt`, and the drive through it.
 
     Poses are missing where the car had moved too little since the last one (kitti360Scripts #96, #102). Gaps of over a
     second in which it moved by half a metre or less are filled: the car is put evenly between the poses around. Others
     stay open, and frames within them have no ego-motion.
 
     Args:
-        poses: frame -> global world from IMU, increasing.
+        file: lines of frame number and 3 x 4 matrix, global world from IMU.
         clock: times of frames.
         vehicle_from_imu: mounting of the IMU.
-        file: of the poses, for messages.
 
     Raises:
-        DataError: fewer than two poses.
+        DataError: missing, too large, empty, not UTF-8, a line that is no pose, fewer than two poses, or frames that do
+            not increase or have no time.
     """
+    times_ns, poses = list[int](), list[RigidTransform]()
+    for row, line in enumerate(read_text(file).rstrip().splitlines(), start=1):
+        if not line.strip():
+            continue
+        number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
+        times_ns.append(clock.at(number, file=file))
+        with located(file, f"row {row}"):
+            poses.append(RigidTransform.from_matrix(np.array(matrix).reshape(3, 4)))
     imu_from_vehicle = vehicle_from_imu.inverse()
-    world_from_global = _levelled(next(iter(poses.values())) @ imu_from_vehicle)
-    vehicles = [world_from_global @ pose @ imu_from_vehicle for pose in poses.values()]
+    world_from_global = _levelled(poses[0] @ imu_from_vehicle)
+    vehicles = [world_from_global @ pose @ imu_from_vehicle for pose in poses]
     sparse = Trajectory(
         source=str(file),
-        timestamps_ns=np.array([clock.times_ns[frame] for frame in poses], dtype=np.int64),
+        timestamps_ns=np.array(times_ns, dtype=np.int64),
         rotations=Rotation.from_matrix(np.stack([pose.rotation for pose in vehicles])),
         positions_m=np.stack([pose.translation_m for pose in vehicles]),
         max_gap_ns=LONGEST_GAP_NS,
@@ -203,9 +233,6 @@ def _stationary_filled(sparse: Trajectory, clock: FrameClock) -> Trajectory:
     return replace(sparse, timestamps_ns=times_ns, rotations=Rotation.from_matrix(rotations), positions_m=positions_m)
 
 
-LARGEST_BYTES = 64_000_000  # four million points; a turn of this scanner has about 120,000
-
-
 def read_turn(path: Path, timestamp_ns: int, *, period_ns: int, to_the_left: bool = False) -> LidarSweep:
     """Read one turn and give each point its time by its azimuth.
 
@@ -227,8 +254,6 @@ def read_turn(path: Path, timestamp_ns: int, *, period_ns: int, to_the_left: boo
         Deskewing in kitti360Scripts (`curlVelodyneData`): a point is moved by its azimuth's share of the motion between
         the poses of the frame and of the one before.
     """
-    if path.is_file() and path.stat().st_size > LARGEST_BYTES:
-        raise DataError(path, expected=f"at most {LARGEST_BYTES} bytes", got=str(path.stat().st_size))
     sweep = read_sweep(path, timestamp_ns, bin_columns=("x", "y", "z", "intensity"))
     points = sweep.points_lidar
     turn = np.arctan2(points[:, 1].astype(np.float64), points[:, 0].astype(np.float64)) / (2 * np.pi)

@@ -47,11 +47,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.kitti_files import read_clock, read_turn
+from bench.adapters.kitti_files import read_calibration, read_clock, read_turn
 from bench.atomic import linked_folder, refuse_escape
 from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory
-from bench.errors import DataError
+from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
@@ -63,6 +63,7 @@ from bench.records.recording import (
     NOT_ANNOTATED,
     ImageRef,
     MountedCamera,
+    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -73,7 +74,6 @@ from bench.records.recording import (
 CameraName = Literal["image_00", "image_01", "image_02", "image_03"]
 DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d{4}_sync")
 SCANS, MOTION, TRACKLETS = "velodyne_points", "oxts", "tracklet_labels.xml"
-LARGEST_CALIBRATION_BYTES = 100_000
 OXTS_FIELDS = 30  # latitude, longitude (degrees), altitude (m), roll, pitch, yaw (rad, yaw from east to the left), ...
 EARTH_M = 6_378_137.0
 LARGEST_ITEM_BYTES = 8_000_000  # ten thousand poses, a quarter of an hour
@@ -178,54 +178,32 @@ def _read_rig(
 ) -> tuple[RigidTransform, RigidTransform, dict[str, MountedCamera]]:
     """Mountings of the laser scanner and of the GPS/IMU, and the cameras."""
     within = linked_folder(root, folder, levels=options.follow_links)
-    file = folder / "calib_cam_to_cam.txt"
-    stated = _calibration(within, file)
-    lidar_from_imu = _mounting(within, folder / "calib_imu_to_velo.txt")
-    camera_0_from_lidar = _mounting(within, folder / "calib_velo_to_cam.txt")
+    lenses = read_calibration(within, folder / "calib_cam_to_cam.txt")
+    imu = read_calibration(within, folder / "calib_imu_to_velo.txt")
+    velodyne = read_calibration(within, folder / "calib_velo_to_cam.txt")
+    lidar_from_imu = imu.transform("R", imu.numbers("T", 3))
+    camera_0_from_lidar = velodyne.transform("R", velodyne.numbers("T", 3))
     vehicle_from_lidar = RigidTransform(lidar_from_imu.rotation.T, np.array(options.lidar_position_m))
-    rectified_from_camera_0 = _rotation(stated, "R_rect_00", file)
+    rectified_from_camera_0 = lenses.transform("R_rect_00", np.zeros(3))
     cameras: dict[str, MountedCamera] = {}
     for name in names:
         number = name.removeprefix("image_")
-        width, height = _stated(stated, f"S_rect_{number}", 2, file)
-        projection = np.array(_stated(stated, f"P_rect_{number}", 12, file)).reshape(3, 4)
-        with located(file, f"P_rect_{number}"):
+        width, height = lenses.numbers(f"S_rect_{number}", 2).tolist()
+        projection = lenses.numbers(f"P_rect_{number}", 3, 4)
+        with located(lenses.file, f"P_rect_{number}"):
             lens = PinholeCamera(
                 width=round(width),
                 height=round(height),
                 focal=(float(projection[0, 0]), float(projection[1, 1])),
                 principal_point=(float(projection[0, 2]), float(projection[1, 2])),
             )
-        camera_from_rectified = RigidTransform(np.eye(3), np.linalg.solve(projection[:, :3], projection[:, 3]))
-        camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
-        vehicle_from_camera = vehicle_from_lidar @ camera_from_lidar.inverse()
-        cameras[name] = options.mounted(name, lens, vehicle_from_camera, file=file, field=name)
+            if not np.linalg.det(projection[:, :3]) > 0:
+                raise ShapeError("expected a camera, its focal lengths and a 1 in the diagonal, got another matrix")
+            offset_m = np.asarray(np.linalg.solve(projection[:, :3], projection[:, 3]), dtype=np.float64)
+            camera_from_rectified = RigidTransform(np.eye(3), offset_m)
+            camera_from_lidar = camera_from_rectified @ rectified_from_camera_0 @ camera_0_from_lidar
+            cameras[name] = options.mounted(name, lens, vehicle_from_lidar @ camera_from_lidar.inverse())
     return vehicle_from_lidar, vehicle_from_lidar @ lidar_from_imu, cameras
-
-
-def _calibration(root: Path, file: Path) -> dict[str, list[str]]:
-    """Numbers by name, as words."""
-    refuse_escape(root, file, file=file)
-    lines = [line.partition(":") for line in read_text(file, largest_bytes=LARGEST_CALIBRATION_BYTES).splitlines()]
-    return {name.strip(): words.split() for name, colon, words in lines if colon}
-
-
-def _stated(calibration: Mapping[str, list[str]], name: str, count: int, file: Path) -> list[float]:
-    if name not in calibration:
-        raise DataError(file, field=name, expected=f"a line with {count} numbers", got="none")
-    return numbers(calibration[name], count, file=file, field=name)
-
-
-def _rotation(calibration: Mapping[str, list[str]], name: str, file: Path) -> RigidTransform:
-    matrix = np.array(_stated(calibration, name, 9, file)).reshape(3, 3)
-    with located(file, name):
-        return RigidTransform.from_matrix(np.column_stack([matrix, np.zeros(3)]))
-
-
-def _mounting(root: Path, file: Path) -> RigidTransform:
-    """The transform of a file with `R` and `T`."""
-    calibration = _calibration(root, file)
-    return RigidTransform(_rotation(calibration, "R", file).rotation, np.array(_stated(calibration, "T", 3, file)))
 
 
 def _trajectory(root: Path, folder: Path, vehicle_from_imu: RigidTransform) -> Trajectory:
@@ -390,41 +368,35 @@ def _tracks(
     numbered: dict[str, int] = defaultdict(int)
     tracks = []
     for i, tracklet in enumerate(read_tracklets(file)):
-        if tracklet.label not in CLASSES:
+        field, label = f"tracklets.item {i}", tracklet.label
+        if label not in CLASSES:
             expected = f"one of {', '.join(CLASSES)}"
-            raise DataError(file, field=f"tracklets.item {i}.objectType", expected=expected, got=tracklet.label[:40])
-        numbered[tracklet.label] += 1
-        name = f"{tracklet.label} {numbered[tracklet.label]}"
-        tracks.append(_track(name, tracklet, times_ns, vehicle_from_lidar, trajectory, file, f"tracklets.item {i}"))
+            raise DataError(file, field=f"{field}.objectType", expected=expected, got=label[:40])
+        numbered[label] += 1
+        poses = [pose for pose in tracklet.poses if pose.state != UNSET and pose.number in times_ns]
+        boxes = [
+            vehicle_from_lidar @ upright_box(pose, tracklet.hwl_m[0], file, f"{field}, frame {pose.number}")
+            for pose in poses
+        ]
+        at_ns = np.array([times_ns[pose.number] for pose in poses], dtype=np.int64)
+        states = _states(at_ns, boxes, tracklet.hwl_m[::-1], trajectory)
+        tracks.append(Track(track_id=f"{label} {numbered[label]}", object_class=CLASSES[label], states=states))
     return tuple(track for track in tracks if track.states)
 
 
-def _track(
-    name: str,
-    tracklet: Tracklet,
-    times_ns: Mapping[int, int],
-    vehicle_from_lidar: RigidTransform,
-    trajectory: Trajectory,
-    file: Path,
-    field: str,
-) -> Track:
-    poses = [pose for pose in tracklet.poses if pose.state != UNSET and pose.number in times_ns]
-    at_ns = np.array([times_ns[pose.number] for pose in poses], dtype=np.int64)
+def _states(
+    at_ns: NDArray[np.int64], boxes: list[RigidTransform], size_m: tuple[float, ...], trajectory: Trajectory
+) -> tuple[ObjectState, ...]:
+    """States of boxes of one size, which move as their places in the world do."""
     rotations, positions_m, valid = trajectory.at(at_ns)
-    boxes = [
-        vehicle_from_lidar @ upright_box(pose, tracklet.hwl_m[0], file, f"{field}, frame {pose.number}")
-        for pose in poses
-    ]
     centres = np.array([box.translation_m for box in boxes]).reshape(-1, 3)
     turned = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
-    velocities: NDArray[np.float64] = np.full((len(poses), 3), np.nan)
-    yaw_rates_radps = np.zeros(len(poses))
+    velocities: NDArray[np.float64] = np.full((len(boxes), 3), np.nan)
+    yaw_rates_radps = np.zeros(len(boxes))
     places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
     velocities[valid] = world_velocities(at_ns[valid], places[valid])
     yaw_rates_radps[valid] = world_yaw_rates(at_ns[valid], (rotations @ turned)[valid])
-    length_width_height_m = tracklet.hwl_m[::-1]
-    states = tuple(
-        box_state(at_ns[i], boxes[i], length_width_height_m, rotations[i].T @ velocities[i], yaw_rates_radps[i])
+    return tuple(
+        box_state(at_ns[i], boxes[i], size_m, rotations[i].T @ velocities[i], yaw_rates_radps[i])
         for i in np.flatnonzero(valid)
     )
-    return Track(track_id=name, object_class=CLASSES[tracklet.label], states=states)

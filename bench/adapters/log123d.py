@@ -38,7 +38,7 @@ from bench.egomotion import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state, read_annotations
-from bench.recordings.catalogue import RecordingHandle, handles_of
+from bench.recordings.catalogue import RecordingHandle, handles_of, median_interval_ns
 from bench.recordings.mounting import FisheyeOptions
 from bench.recordings.validation import ForeignModel, SidePx, located, validated
 from bench.records.recording import (
@@ -46,6 +46,7 @@ from bench.records.recording import (
     NOT_ANNOTATED,
     ImageRef,
     MountedCamera,
+    ObjectState,
     Recording,
     SweepRef,
     Track,
@@ -145,11 +146,10 @@ def open_log(root: Path, folder: Path, options: LogOptions, *, annotations: Path
         tracks = read_annotations(annotations)
     else:
         tracks = _read_tracks(LogTable(boxes), trajectory) if boxes.is_file() else ()
-    steps_ns = [np.diff([image.timestamp_ns for image in own]) for own in images.values() if len(own) > 1]
     return Recording(
         name=folder.name,
         root=root,
-        frame_interval_ns=int(np.median(np.concatenate(steps_ns))) if steps_ns else 100 * MILLISECOND_NS,
+        frame_interval_ns=median_interval_ns(images, file=folder),
         cameras=cameras,
         images=images,
         trajectory=trajectory,
@@ -207,7 +207,7 @@ def _sweeps(folder: Path, options: LogOptions) -> tuple[tuple[SweepRef, ...], Ri
 
 
 def _trajectory(ego: LogTable, imu_from_vehicle: RigidTransform) -> Trajectory:
-    poses = ego.rows("imu_se3", width=POSE_WIDTH)
+    poses = ego.vectors("imu_se3", ego.items("imu_se3"), width=POSE_WIDTH)
     there = np.isfinite(poses).all(axis=1) & poses[:, 3:].any(axis=1)
     if not there.all():
         raise DataError(ego.path, field=f"imu_se3, row {int(there.argmin()) + 1}", expected="a pose", got="none")
@@ -327,7 +327,7 @@ def _camera(name: str, table: LogTable, vehicle_from_imu: RigidTransform, option
     with located(table.path, "metadata"):
         model = head.model(options.max_angle_rad(name))
         vehicle_from_camera = vehicle_from_imu @ pose(head.camera_to_imu_se3)
-    return options.mounted(name, model, vehicle_from_camera, file=table.path, field="metadata")
+        return options.mounted(name, model, vehicle_from_camera)
 
 
 def _lidar_heads(table: LogTable) -> list[LidarHead]:
@@ -412,16 +412,14 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
         )
     classes = CLASSES[label_class]
     times_ns = table.times_ns()
-    stored = [row or () for row in table.column("track_token").to_pylist()]
-    counts = np.array([len(row) for row in stored], dtype=np.int64)
+    stored = table.items("track_token")
     tokens = [str(token) for row in stored for token in row]
-    labels = [label for row in table.column("label").to_pylist() for label in row or ()]
-    boxes = _flat(table, "bounding_box_se3", BOX_WIDTH, len(tokens))
-    velocities = _flat(table, "velocity_3d", VELOCITY_WIDTH, len(tokens))
-    if len(labels) != len(tokens):
-        got = f"{len(labels)} labels, {len(tokens)} track tokens"
-        raise DataError(table.path, expected="a label for each track token", got=got)
-    at_row = np.repeat(np.arange(len(counts)), counts)
+    labels = _of_each(table, "label", tokens)
+    boxes, velocities = (
+        table.vectors(name, _of_each(table, name, tokens), width=width)
+        for name, width in (("bounding_box_se3", BOX_WIDTH), ("velocity_3d", VELOCITY_WIDTH))
+    )
+    at_row = np.repeat(np.arange(len(stored)), np.array([len(row) for row in stored], dtype=np.int64))
     at_ns = times_ns[at_row]
     velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
     rows: dict[str, list[int]] = defaultdict(list)
@@ -430,19 +428,24 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
             own = rows[token]
             if not own or at_row[own[-1]] != at_row[row]:
                 own.append(row)
-    return tuple(
-        _track(token, np.array(own), classes[labels[own[0]]], at_ns, boxes, velocities, trajectory, table)
-        for token, own in sorted(rows.items())
-    )
+    tracks = []
+    for token, taken in sorted(rows.items()):
+        placed, placed_ns = boxes[taken], at_ns[taken]
+        if (np.diff(placed_ns) <= 0).any() or not np.isfinite(placed).all() or not (placed[:, 7:] > 0).all():
+            expected = "finite boxes of positive size, one at a time"
+            raise DataError(table.path, field=f"track {token[:60]}", expected=expected, got="another")
+        states = _states(placed_ns, placed, velocities[taken], trajectory)
+        tracks.append(Track(track_id=token, object_class=classes[labels[taken[0]]], states=states))
+    return tuple(tracks)
 
 
-def _flat(table: LogTable, name: str, width: int, count: int) -> NDArray[np.float64]:
-    """(count, width) float64 of a column of lists of lists; NaN where one is missing."""
-    rows = [values for row in table.column(name).to_pylist() for values in row or ()]
-    flat = np.array([values or (np.nan,) * width for values in rows], dtype=np.float64).reshape(-1, width)
-    if len(flat) != count:
-        raise DataError(table.path, field=name, expected=f"one for each of {count} boxes", got=str(len(flat)))
-    return flat
+def _of_each(table: LogTable, name: str, tokens: list[str]) -> list[Any]:
+    """What a column says of each box, one behind the other."""
+    values = [value for row in table.items(name) for value in row]
+    if len(values) != len(tokens):
+        got = str(len(values))
+        raise DataError(table.path, field=name, expected=f"one for each of {len(tokens)} boxes", got=got)
+    return values
 
 
 def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -456,27 +459,16 @@ def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.b
     return beside
 
 
-def _track(
-    token: str,
-    rows: NDArray[np.int64],
-    object_class: str,
-    at_ns: NDArray[np.int64],
-    boxes: NDArray[np.float64],
-    velocities: NDArray[np.float64],
-    trajectory: Trajectory,
-    table: LogTable,
-) -> Track:
-    times_ns, own = at_ns[rows], boxes[rows]
-    if (np.diff(times_ns) <= 0).any() or not np.isfinite(own).all() or not (own[:, 7:] > 0).all():
-        expected = "finite boxes of positive size, one at a time"
-        raise DataError(table.path, field=f"track {token[:60]}", expected=expected, got="another")
-    world_from_object = Rotation.from_quat(own[:, 3:7], scalar_first=True).as_matrix()
-    velocities_world = np.where(np.isfinite(velocities[rows]), velocities[rows], world_velocities(times_ns, own[:, :3]))
+def _states(
+    times_ns: NDArray[np.int64], boxes: NDArray[np.float64], velocities: NDArray[np.float64], trajectory: Trajectory
+) -> tuple[ObjectState, ...]:
+    """States of boxes in the world, seen from the vehicle; velocities that are not known follow from the places."""
+    world_from_object = Rotation.from_quat(boxes[:, 3:7], scalar_first=True).as_matrix()
+    velocities = np.where(np.isfinite(velocities), velocities, world_velocities(times_ns, boxes[:, :3]))
     yaw_rates_radps = world_yaw_rates(times_ns, world_from_object)
     states = []
     for i, time_ns in enumerate(times_ns.tolist()):
         vehicle_from_world = trajectory.world_from_vehicle(time_ns).inverse()
-        box = vehicle_from_world @ pose(own[i, :7])
-        velocity_mps = vehicle_from_world.rotate(velocities_world[i])
-        states.append(box_state(time_ns, box, own[i, 7:], velocity_mps, yaw_rates_radps[i]))
-    return Track(track_id=token, object_class=object_class, states=tuple(states))
+        box, velocity_mps = vehicle_from_world @ pose(boxes[i, :7]), vehicle_from_world.rotate(velocities[i])
+        states.append(box_state(time_ns, box, boxes[i, 7:], velocity_mps, yaw_rates_radps[i]))
+    return tuple(states)

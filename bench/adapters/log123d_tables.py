@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,8 +23,6 @@ from bench.recordings.images import decode_image
 from bench.recordings.validation import ForeignModel, validated
 
 HEAD = b"metadata"
-LARGEST_HEAD_BYTES = 1_000_000
-LARGEST_CELL_BYTES = 1 << 28
 LARGEST_BATCH_BYTES = 1 << 31  # of one column
 READERS_HELD = 16
 BATCHES_HELD = 4  # in a process, so that compressed images of a batch are not unpacked again for each of them
@@ -63,9 +61,8 @@ class LogTable:
         """
         with _reading(self.path):
             packed = (_reader(*_state(self.path)).schema.metadata or {}).get(HEAD)
-        if packed is None or len(packed) > LARGEST_HEAD_BYTES:
-            got = "none" if packed is None else f"one of {len(packed)} bytes"
-            raise DataError(self.path, field="metadata", expected="the head of a table of a 123D log", got=got)
+        if packed is None:
+            raise DataError(self.path, field="metadata", expected="the head of a table of a 123D log", got="none")
         try:
             content = msgpack.unpackb(packed, raw=False, strict_map_key=False)
         except (ValueError, TypeError, msgpack.exceptions.UnpackException) as error:
@@ -108,21 +105,27 @@ class LogTable:
             columns = [_checked(batch.column(0), self.path) for batch in batches]
             return pa.chunked_array(columns, reader.schema.field(0).type)
 
-    def rows(self, name: str, *, width: int) -> NDArray[np.float64]:
-        """(N, width) float64 of a column of lists of one length; NaN where the list is missing.
+    def items(self, name: str) -> list[list[Any]]:
+        """The lists of a column, row by row; empty where one is missing.
+
+        Raises:
+            DataError: no such column, or one of no lists.
+        """
+        column = self.column(name)
+        if not pa.types.is_nested(column.type):
+            raise self._wrong(name, "lists", str(column.type))
+        return [row or [] for row in column.to_pylist()]
+
+    def vectors(self, name: str, lists: Iterable[list[float] | None], *, width: int) -> NDArray[np.float64]:
+        """(N, width) float64 of lists of a column; NaN where one is missing.
 
         Raises:
             DataError: lists of another length or of no numbers.
         """
-        lists = self.column(name)
         try:
-            values = np.full((len(lists), width), np.nan)
-            present = lists.is_valid().to_numpy()
-            numbers = lists.drop_null().combine_chunks().flatten().to_numpy(zero_copy_only=False).astype(np.float64)
-            values[present] = numbers.reshape(-1, width)
-        except (ValueError, TypeError, AttributeError) as error:
-            raise self._wrong(name, f"lists of {width} numbers", str(lists.type)) from error
-        return values
+            return np.array([values or [np.nan] * width for values in lists], dtype=np.float64).reshape(-1, width)
+        except (ValueError, TypeError) as error:
+            raise self._wrong(name, f"lists of {width} numbers", _in_one_line(error)) from error
 
     def cells(self, name: str) -> Iterator[dict[str, Any]]:
         """Locations of a column's cells, in order, as `StoredCell` takes them; no cell is read.
@@ -224,10 +227,6 @@ class StoredCell:
             if not binary or not cell.is_valid:
                 got = str(cell.type) if cell.is_valid else "none"
                 raise DataError(self.container, field=place, expected="data in the log", got=got, hint=CONVERT_HINT)
-            size = cell.as_buffer().size
-            if size > LARGEST_CELL_BYTES:
-                expected = f"at most {LARGEST_CELL_BYTES} bytes"
-                raise DataError(self.container, field=place, expected=expected, got=str(size))
             return bytes(cell.as_py())
 
 

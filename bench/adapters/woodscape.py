@@ -220,7 +220,7 @@ def read_camera(file: Path, pair: str, options: WoodscapeOptions) -> MountedCame
         lens = RadialPolynomialCamera.from_woodscape(content.intrinsic.model_dump())
         limit_rad = options.max_angle_rad(content.name)
         model = lens if limit_rad is None else replace(lens, max_angle_rad=limit_rad)
-    return options.mounted(content.name, model, vehicle_from_camera, file=file, field=content.name)
+        return options.mounted(content.name, model, vehicle_from_camera)
 
 
 # Vehicle data

@@ -243,7 +243,7 @@ class Session:
         track = replace(track, uncorrected=track.motion.where(near), keys={})
         with self._drawing:
             recording = replace(self.recording, tracks=(to_track(track, self.recording, reviewed=False),))
-            settings = load_protocol(PROTOCOL).reference_settings()
+            settings = load_protocol(PROTOCOL).reference
             builder = ReferenceBuilder(recording, name, settings, beside=self._builders.get(name))
             self._builders[name] = builder  # which holds the sweep for the next
             return region_outlines(builder.region(track.id, shown), model)

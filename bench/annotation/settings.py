@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from math import radians
 
 from bench.evaluation import load_protocol
-from bench.records.reference import MotionSettings
+from bench.records.rules import MotionSettings
 
-MOTION = load_protocol("paper-v1").reference_settings().motion
+MOTION = load_protocol("paper-v1").reference.motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -204,14 +204,8 @@ class PolygonAuditor:
 
 def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
     """Settings that give every object that has points its polygon of a kind; who counts is decided elsewhere."""
-    return replace(
-        settings,
-        polygon_kind=kind,
-        range_limit_m=math.inf,
-        min_polygon_px=1,
-        categories=tuple(Category),
-        outline=None,  # the region itself is compared, not its core
-    )
+    changes = {"polygon_kind": kind, "range_limit_m": math.inf, "min_polygon_px": 1, "categories": tuple(Category)}
+    return settings.model_copy(update=changes | {"unknown_band": None})  # the region itself is compared, not its core
 
 
 def _description(evaluated: ReferenceFrame, item: ReferenceObject) -> Row:

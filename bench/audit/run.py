@@ -133,7 +133,7 @@ class _CameraAudit:
         self._opened, self._camera = opened, camera
         self._method = method
         self._pipeline = FramePipeline(opened.recording, camera, method=method, protocol=protocol)
-        self._polygons = PolygonAuditor(opened.recording, camera, protocol.reference_settings())
+        self._polygons = PolygonAuditor(opened.recording, camera, protocol.reference)
         self._runner: ExactRunner | None = None
         if exact is not None and isinstance(method, FlowMethod):
             valid, true_camera = self._pipeline.references.valid, exact.cameras[camera]
@@ -372,7 +372,7 @@ def run_audit(
     )
     audit = RecordingAudit.joined(audits)
     polygons, misses, static = (audit.tables[name].to_pandas() for name in ("polygons", "misses", "false_alarms"))
-    own = protocol.reference_settings().polygon_kind
+    own = protocol.reference.polygon_kind
     kinds = (own, *(kind for kind in REGION_KINDS if kind != own))
     categories = [category.value for category in protocol.reference.categories]
     by_category = {name: misses[misses["category"] == name] for name in categories} | {ALL: misses}

@@ -117,18 +117,12 @@ def _installation() -> Iterator[tuple[str, str]]:
     from bench.execution import usable_cores
     from bench.harness.digests import library_versions
     from bench.harness.manifest import package_commit
-    from bench.lidar.cloud_files import open3d
 
     yield "commit", package_commit() or "unknown"
     yield "system", f"{platform.platform()}, {usable_cores()} of {os.cpu_count()} cores"
     yield "Python", f"{platform.python_version()} ({platform.python_implementation()})"
     yield "libraries", ", ".join(f"{name} {number}" for name, number in library_versions().items())
     yield "optional", ", ".join(f"{name} {_version(name)}" for name in OPTIONAL)
-    try:
-        open3d()
-        yield "open3d", "loads"
-    except BenchError as error:  # it links against libraries that slim systems lack
-        yield "open3d", f"does not load, so that compressed point clouds cannot be read: {error}"
     chosen = sorted(name for name in os.environ if name.startswith(SETTINGS))
     yield "environment", ", ".join(f"{name}={os.environ[name]}" for name in chosen) or "no variable of ours is set"
 

@@ -73,7 +73,8 @@ def evaluate(
     from bench.harness.stored import PREDICTIONS
     from bench.methods import known_methods
     from bench.methods.predictions import PredictedMotion
-    from bench.methods.predictions.method import check_predictions, refuse_faults, write_report
+    from bench.methods.predictions.method import refuse_faults, write_report
+    from bench.methods.predictions.pairing import index_predictions
     from bench.reporting.findings import prediction_line, prediction_table
 
     if not Path(predictions).is_dir():
@@ -91,7 +92,8 @@ def evaluate(
     executor = options.as_executor(workers)
     options.rendered_card(card, split, executor=executor, as_it_is=True)
     with progress_bar(f"reading {predictions}", "recordings") as report:
-        found = check_predictions(card, method=method, progress=report)
+        found = index_predictions(Path(predictions), card, split=split, progress=report)
+    method.use(found)
     if verbosity() > Verbosity.QUIET and (table := prediction_table(found, whole=verbosity() is Verbosity.VERBOSE)):
         print_blocks([table])
     note(prediction_line(found, threshold=method.threshold))

@@ -7,17 +7,15 @@ import re
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from bench.commands.command import add_command, group
 from bench.commands.console import say
 from bench.errors import OutputError, UsageError
 
-app = group("Write a method, a data set or an adapter to start from.")
-
-NewName = Annotated[str, typer.Argument(metavar="NAME", help="Letters, digits, - and _, for example my-method.")]
+Kind = Literal["method", "dataset", "adapter"]
+STEMS: dict[Kind, str] = {"method": "method", "dataset": "data", "adapter": "format"}  # behind "my" in the templates
 
 # Template -> file, both with the names that stand for the user's: my-x in results, my_x as a module, MyX as a class.
 FILES = {
@@ -45,57 +43,41 @@ THEN = {
 }
 
 
-def new_method(name: NewName) -> None:
-    """Write NAME.py with a working method, and a test.
+def new(
+    kind: Annotated[Kind, typer.Argument(metavar="method|dataset|adapter")],
+    name: Annotated[str, typer.Argument(metavar="NAME")],
+) -> None:
+    """Write a method, a data set or an adapter to start from, all files or none.
 
-    Examples:
-        fisheye-bench new method my-method
-    """
-    _write("method", name)
-
-
-def new_dataset(name: NewName) -> None:
-    """Write datasets/NAME.yaml, a program that writes an example recording, and a test.
-
-    Examples:
-        fisheye-bench new dataset my-data
-    """
-    _write("data", name)
-
-
-def new_adapter(name: NewName) -> None:
-    """Write NAME/: an adapter as a package, an example of its layout, a card, and a test.
-
-    Examples:
-        fisheye-bench new adapter my-format
-    """
-    _write("format", name)
-
-
-def _write(stem: str, name: str) -> None:
-    """Write templates under the user's name, all or none, and say what to do then.
+    A method is NAME.py with a test; a data set is datasets/NAME.yaml with a program that writes an example
+    recording, and a test; an adapter is a package NAME/ with an example of its layout, a card and a test.
 
     Args:
-        stem: what follows "my" in the templates.
-        name: as the user wrote it.
+        kind: what to begin.
+        name: letters, digits, - and _, for example my-method.
 
     Raises:
         UsageError: a name that cannot be one of a module, or that the files use for something else.
         OutputError: a file is there already.
+
+    Examples:
+        fisheye-bench new method my-method
+        fisheye-bench new dataset my-data
+        fisheye-bench new adapter my-format
     """
     from bench.atomic import write_text
 
-    dashed, module = name.replace("_", "-"), name.replace("-", "_")
-    kind = "".join(word[0].upper() + word[1:] for word in re.split("[-_]+", name) if word)
+    stem, dashed, module = STEMS[kind], name.replace("_", "-"), name.replace("-", "_")
+    camel = "".join(word[0].upper() + word[1:] for word in re.split("[-_]+", name) if word)
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,60}", name) or keyword.iskeyword(module):
         raise UsageError(f"expected a name of letters, digits, - and _ that begins with a letter, got {name!r}")
     if find_spec(module) is not None and not Path(f"{module}.py").exists():
         raise UsageError(f"{name!r} is the name of an installed package; take another one")
     folder = resources.files("bench.commands") / "templates"
     texts = {file: (folder / f"{template}.txt").read_text("utf-8") for template, file in FILES[stem].items()}
-    named = {f"my-{stem}": dashed, f"my_{stem}": module, f"My{stem.title()}": kind}
+    named = {f"my-{stem}": dashed, f"my_{stem}": module, f"My{stem.title()}": camel}
     imports = [line for text in texts.values() for line in text.splitlines() if "import " in line]
-    if {kind, module.lower()} & ({word for line in imports for word in re.findall(r"\w+", line)} - named.keys()):
+    if {camel, module.lower()} & ({word for line in imports for word in re.findall(r"\w+", line)} - named.keys()):
         raise UsageError(f"{name!r} names something that the new files import; take another one")
 
     def renamed(text: str) -> str:
@@ -111,8 +93,3 @@ def _write(stem: str, name: str) -> None:
     say("they run as they are; next:")
     for line in THEN[stem]:
         say(f"  {renamed(line)}")
-
-
-add_command(app, "method", new_method)
-add_command(app, "dataset", new_dataset)
-add_command(app, "adapter", new_adapter)

@@ -24,21 +24,14 @@ from bench.adapters.rosbag.rig import Rig, RosbagOptions
 from bench.adapters.woodscape import WoodscapeOptions
 from bench.cameras import RollingShutter
 from bench.errors import UnknownNameError
-from bench.evaluation.protocol import (
-    LimbRules,
-    MotionRules,
-    Protocol,
-    ReferenceRules,
-    UnknownBandRules,
-    known_protocols,
-)
+from bench.evaluation.protocol import Protocol, known_protocols
 from bench.gate.tolerances import Override, Tolerance, Tolerances, known_tolerances
 from bench.harness.manifest import Manifest
 from bench.harness.stored import RunSummary
+from bench.recordings.annotations import AnnotationFile
 from bench.recordings.cards import CardFile
 from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.native import NativeOptions, RecordingHead
-from bench.records.reference import Limb, MotionSettings, OutlineErrors, ReferenceSettings
 
 Schema = dict[str, Any]
 
@@ -53,10 +46,6 @@ OPTIONS: dict[str, type[BaseModel]] = {  # of cards, by adapter
 }
 DOCUMENTED_BY: dict[type[BaseModel], type] = {  # records that say what fields of the same names mean
     RollingShutterHead: RollingShutter,
-    ReferenceRules: ReferenceSettings,
-    MotionRules: MotionSettings,
-    UnknownBandRules: OutlineErrors,
-    LimbRules: Limb,
     Override: Tolerance,
 }
 
@@ -119,6 +108,7 @@ def _rules(model: type[BaseModel], known: Callable[[], Iterable[str]]) -> Schema
 SCHEMAS: dict[str, Callable[[], Schema]] = {
     "card": _card,
     "recording": partial(_file, RecordingHead),
+    "annotations": partial(_file, AnnotationFile),
     "rig": partial(_file, Rig),
     "protocol": partial(_rules, Protocol, known_protocols),
     "tolerances": partial(_rules, Tolerances, known_tolerances),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion.trajectory import LARGEST_SIGNAL, Trajectory, planar_trajectory
+from bench.egomotion.trajectory import Trajectory, planar_trajectory
 from bench.errors import DataError, refuse
 from bench.geometry import Floats
 from bench.plain_text import parsed_number
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 WHOLE_NUMBER = re.compile(r"\s*[+-]?[0-9]{1,19}\s*", re.ASCII)
 LARGEST_TIME_NS = 2**63 - 1
+LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
 Source = str | Sequence[str] | float | None  # of a signal: its column, several whose mean is taken, or a constant
 
 

@@ -138,7 +138,6 @@ class Trajectory:
         return left, fraction, covered & ((span_ns <= self.max_gap_ns) | on_pose)
 
 
-LARGEST_SIGNAL = 1e6  # m/s or rad/s; larger ones are no signals, and their sums no numbers
 REVERSE_GEAR = re.compile(r"R[0-9]?|REV|REVERSE|-[0-9]+(\.0*)?")
 OTHER_GEAR = re.compile(r"[PNDSLMBE]?[0-9]*(\.0*)?|PARK|NEUTRAL|DRIVE|SPORT|LOW|MANUAL|NONE|UNKNOWN")
 
@@ -167,12 +166,6 @@ def planar_trajectory(
         DataError: a word that is no gear, a value that is not finite, times that do not increase, or fewer than two
             samples.
     """
-    for column, values in (("speed_mps", speed_mps), ("yaw_rate_radps", yaw_rate_radps)):
-        unfit = ~(np.abs(values) <= LARGEST_SIGNAL)
-        if unfit.any():
-            row = int(np.argmax(unfit))
-            expected = f"a finite number, at most {LARGEST_SIGNAL:g}"
-            raise DataError(source, field=f"{column}, row {row + 1}", expected=expected, got=str(values[row]))
     signed_mps = speed_mps if gear is None else np.where(_in_reverse(gear, source), -np.abs(speed_mps), speed_mps)
     steps_s = np.diff(timestamps_ns) / SECOND_NS
     advance_m, turn_rad = np.zeros((len(steps_s), 3)), np.zeros((len(steps_s), 3))

@@ -26,7 +26,7 @@ from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.rows import EVALUATED, to_frame
 from bench.evaluation.scorer import SequenceScorer
-from bench.records.reference import IgnoreReason, ReferenceFrame, pixels_object
+from bench.records.reference import ReferenceFrame, pixels_object
 from bench.records.segmentation import Segmentation
 
 Mask = NDArray[np.bool_]
@@ -193,20 +193,18 @@ def _reference_frame(
     pixels = _pixels(reference, "reference", shape, "bool or integers, a mask or a label image")
     if pixels.dtype == bool:
         pixels = cv2.connectedComponents(pixels.astype(np.uint8), connectivity=8)[1]
-    marked = pixels != 0
-    numbers, order = np.unique(pixels[marked], return_inverse=True)
+    marked = (pixels != 0) & counted
+    numbers, order, region_px = np.unique(pixels[marked], return_inverse=True, return_counts=True)
     labels = np.zeros(shape, dtype=np.int32)
     labels[marked] = order + 1
-    labels = np.where(counted, labels, np.int32(0))
-    region_px = np.bincount(labels.ravel(), minlength=len(numbers) + 1)[1:].tolist()
     return ReferenceFrame(
         recording="",
         camera="",
         timestamp_ns=0,
         ego_speed_mps=float("nan"),
         objects=tuple(
-            pixels_object(str(name), px, reason=None if px else IgnoreReason.OCCLUDED)
-            for name, px in zip(numbers.tolist(), region_px, strict=True)
+            pixels_object(str(name), px, reason=None)
+            for name, px in zip(numbers.tolist(), region_px.tolist(), strict=True)
         ),
         labels=labels,
         ignored=left_out & (labels == 0),

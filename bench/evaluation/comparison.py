@@ -224,48 +224,32 @@ CHANGES = [*OBJECT, *_OF_OBJECT, "change", *(f"{name}{side}" for name in _MEASUR
 _READ = [*OBJECT, "status", *_OF_OBJECT, "tp", "fn", "fp"]
 
 
-def object_changes(before_objects: pd.DataFrame, after_objects: pd.DataFrame, *, level: float = 0.0) -> pd.DataFrame:
-    """Set the evaluated object-frames of two runs side by side.
+def changes_in_parts(
+    before: Rows, after: Rows, *, level: float = 0.0, rows_at_once: int | None = None
+) -> Iterator[pd.DataFrame]:
+    """Set the object-frames that both of two runs evaluated side by side, some recordings at a time.
 
     Args:
-        before_objects: rows of `OBJECTS_SCHEMA`.
-        after_objects: rows of `OBJECTS_SCHEMA`.
+        before: of `OBJECTS_SCHEMA`, in memory or stored.
+        after: of `OBJECTS_SCHEMA`, in memory or stored.
         level: coverage from which on an object counts as detected; 0 for any pixel.
+        rows_at_once: most rows of a run in memory, unless one recording has more.
 
-    Returns:
-        Columns `CHANGES`, one row per object-frame evaluated in either run, by recording, camera, time and track.
-        `change` is "gained", "lost" (the detection), "both", "neither", or "only_before" and "only_after" for what one
-        run alone evaluated; the other's `detected`, `coverage` and `iou` are then missing.
+    Yields:
+        Columns `CHANGES`, a row for each object-frame, by recording, camera, time and track. `change` is "gained" or
+        "lost" (the detection), "both" or "neither". At least one part, which may have no row.
     """
-    sides = [_measured(rows, level) for rows in (before_objects, after_objects)]
-    rows = merge_rows(*sides, on=OBJECT, how="outer")
-    was, is_now = (rows[f"detected{side}"].eq(True) for side in SIDES)
-    alone = [rows["side"] == "right_only", rows["side"] == "left_only"]
-    kinds = [*alone, ~was & is_now, was & ~is_now, was & is_now]
-    change = np.select(kinds, ["only_after", "only_before", "gained", "lost", "both"], "neither")
-    shared = {name: rows[f"{name}_before"].combine_first(rows[f"{name}_after"]) for name in _OF_OBJECT}
-    shared["region_px"] = shared["region_px"].astype(np.int64)
-    return sort_rows(rows.assign(change=change, **shared)[CHANGES], OBJECT)
+    sources = as_source(before), as_source(after)
+    counts = [dict(source.recordings()) for source in sources]
+    shared = {name: max(rows, counts[1][name]) for name, rows in counts[0].items() if name in counts[1]}
+    for group in group_recordings(shared, rows_at_once=rows_at_once) or [[]]:
+        rows = merge_rows(*(_measured(source.read(group, _READ), level) for source in sources), on=OBJECT)
+        was, is_now = rows["detected_before"], rows["detected_after"]
+        change = np.select([~was & is_now, was & ~is_now, was & is_now], ["gained", "lost", "both"], "neither")
+        same = {name: rows[f"{name}_before"] for name in _OF_OBJECT}
+        yield sort_rows(rows.assign(change=change, **same)[CHANGES], OBJECT)
 
 
 def _measured(objects: pd.DataFrame, level: float) -> pd.DataFrame:
     rows = objects[objects["status"] == EVALUATED].assign(**_MEASURED)[[*OBJECT, *_OF_OBJECT, *_MEASURED]]
     return rows.assign(detected=rows["detected"] & (rows["coverage"] >= level))
-
-
-def changes_in_parts(
-    before: Rows, after: Rows, *, level: float = 0.0, rows_at_once: int | None = None
-) -> Iterator[pd.DataFrame]:
-    """Yield the changes of `object_changes` for runs of any size, some recordings at a time; one part without a row.
-
-    Args:
-        before: of `OBJECTS_SCHEMA`, in memory or stored.
-        after: of `OBJECTS_SCHEMA`, in memory or stored.
-        level: as of `object_changes`.
-        rows_at_once: most rows of a run in memory, unless one recording has more.
-    """
-    sources = as_source(before), as_source(after)
-    counts = [dict(source.recordings()) for source in sources]
-    most = {name: max(of.get(name, 0) for of in counts) for name in counts[0].keys() | counts[1].keys()}
-    for group in group_recordings(most, rows_at_once=rows_at_once) or [[]]:
-        yield object_changes(*(source.read(group, _READ) for source in sources), level=level)

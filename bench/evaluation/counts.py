@@ -5,7 +5,6 @@ The regions are those of `bench.evaluation`: V valid, G_i of object i, I ignored
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -83,7 +82,6 @@ class FrameCounts:
         fp_components: false-positive components.
         fp_large_components: those larger than the protocol's size.
         fp_largest_px: size of the largest, 0 without any.
-        fp_by_cause: `fp_px` by the cause that the method names; empty for a method that names none.
     """
 
     width: int
@@ -99,7 +97,6 @@ class FrameCounts:
     fp_components: int
     fp_large_components: int
     fp_largest_px: int
-    fp_by_cause: Mapping[str, int]
 
 
 def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
@@ -204,9 +201,6 @@ def count_frame(
     reference: ReferenceFrame,
     detected: NDArray[np.bool_],
     *,
-    cause: NDArray[np.uint8] | None = None,
-    causes: tuple[str, ...] = (),
-    cell_size_px: int = 1,
     component_size_px: int,
     regions: Regions | None = None,
 ) -> tuple[FrameCounts, tuple[ObjectCounts, ...]]:
@@ -215,9 +209,6 @@ def count_frame(
     Args:
         reference: of the image.
         detected: (H, W) bool, the method's mask; what lies outside V is left out.
-        cause: (rows, columns) uint8 of each cell, index into `causes`; None for a method that names none.
-        causes: what can flag a cell.
-        cell_size_px: side of the cells of `cause`, px.
         component_size_px: false-positive components with more pixels than this are large.
         regions: of the image, where the caller has them already.
 
@@ -226,7 +217,7 @@ def count_frame(
         objects: one per `reference.objects`, in their order.
 
     Raises:
-        ShapeError: `detected` is not of the image's size, or the cells of `cause` do not tile it.
+        ShapeError: `detected` is not of the image's size.
 
     Source:
         Mariotti and Eising 2020, section IV (TP, FN and FP areas); component-wise sharing of false positives after
@@ -256,7 +247,6 @@ def count_frame(
         fp_components=int(np.count_nonzero(fp_of_component)),
         fp_large_components=int(np.count_nonzero(fp_of_component > component_size_px)),
         fp_largest_px=int(fp_of_component.max(initial=0)),
-        fp_by_cause=_false_positives_by_cause(regions, cause, causes, cell_size_px),
     )
     columns = zip(tp.tolist(), (region_px - tp).tolist(), fp.tolist(), strict=True)
     return frame, tuple(ObjectCounts(tp=t, fn=n, fp=f) for t, n, f in columns)
@@ -269,15 +259,6 @@ def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
     component = regions.component[regions.window][true].astype(np.int64)
     label = reference.labels[regions.window][true]
     return np.bincount(component * shape[1] + label - 1, minlength=shape[0] * shape[1]).reshape(shape)
-
-
-def _false_positives_by_cause(
-    regions: Regions, cause: NDArray[np.uint8] | None, causes: tuple[str, ...], cell_size_px: int
-) -> dict[str, int]:
-    if cause is None:
-        return {}
-    found = sum_by_kind(regions.false, cause, cell_size_px=cell_size_px, bins=len(causes), name="cause")
-    return dict(zip(causes, found.tolist(), strict=True))
 
 
 def _region_px(reference: ReferenceFrame, regions: Regions) -> Counts:

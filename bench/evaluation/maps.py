@@ -13,7 +13,6 @@ from bench.errors import DataError
 from bench.evaluation.definitions import coverage, detected
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, Rows, read_parts
-from bench.evaluation.sums import refuse_strange
 from bench.records.reference import Direction
 
 # The limit is the camera's distance from the nearest return: to the vehicle's origin, and to the middle of a long
@@ -76,7 +75,7 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         level: coverage from which on an object counts as detected; 0 for any pixel.
 
     Raises:
-        DataError: an evaluated object of no class of the protocol, or far beyond its range.
+        DataError: an evaluated object far beyond the protocol's range.
     """
     cell_m = protocol.range_map.cell_m
     key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
@@ -88,8 +87,6 @@ def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> Rang
         placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
         parts.append(placed.groupby(key, dropna=False).sum())
     counted = pd.concat(parts).groupby(key, dropna=False).sum().astype(np.int64).reset_index()
-    refuse_strange(counted["object_class"], protocol.reference.classes)
-    refuse_strange(counted["direction"], Direction)
     reached = abs(counted[["x", "y"]].to_numpy() + 0.5) + 0.5  # cells from the origin; NaN for masks, which tell none
     furthest_m = protocol.reference.range_limit_m + BEYOND_M
     if (reached > furthest_m / cell_m + 1).any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.records.reference import Category
 
@@ -12,8 +12,7 @@ TITLE = "Spherical formulation of geometric motion segmentation constraints in f
 SOURCE = f"{' and '.join(family for family, _ in AUTHORS)} {YEAR}, {TITLE}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedMetrics:
+class PublishedMetrics(NamedTuple):
     """A row of the paper's table.
 
     Attributes:
@@ -30,16 +29,12 @@ class PublishedMetrics:
     iou: float
 
 
-def _row(object_frames: int, detection_rate: float, tpr: float, iou: float) -> PublishedMetrics:
-    return PublishedMetrics(object_frames=object_frames, detection_rate=detection_rate, tpr=tpr, iou=iou)
-
-
 CATEGORIES = {
-    Category.CROSSING: _row(3848, 0.72, 0.64, 0.55),
-    Category.OVERTAKING: _row(2757, 0.98, 0.81, 0.70),
-    Category.PRECEDING: _row(789, 0.48, 0.30, 0.19),
-    Category.APPROACHING: _row(224, 0.89, 0.42, 0.30),
-    Category.STATIC_EGO: _row(475, 0.95, 0.78, 0.69),
+    Category.CROSSING: PublishedMetrics(3848, 0.72, 0.64, 0.55),
+    Category.OVERTAKING: PublishedMetrics(2757, 0.98, 0.81, 0.70),
+    Category.PRECEDING: PublishedMetrics(789, 0.48, 0.30, 0.19),
+    Category.APPROACHING: PublishedMetrics(224, 0.89, 0.42, 0.30),
+    Category.STATIC_EGO: PublishedMetrics(475, 0.95, 0.78, 0.69),
 }
 IMAGE_FRAMES = 5000
 FALSE_POSITIVE_COVERAGE = 0.13

@@ -64,11 +64,11 @@ OBJECTS_SCHEMA = _schema(
     nullable={"reason", "category", "direction", "chance_tp", "ceiling_tp", "ceiling_fp"},
 )
 
-FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts) if field.name != "fp_by_cause")
+FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts))
 
 # One row per image. All counts are 0 where there is no mask; an image that is not annotated has those of its mask and
-# of V only. `fp_by_cause` is empty for a method that names no causes. The histograms over
-# `bench.evaluation.counts.EDGES` are null unless evaluated and where the method has no likelihood.
+# of V only. `fp_by_cause` is `fp_px` by the cause that the method names, empty for one that names none. The histograms
+# over `bench.evaluation.counts.EDGES` are null unless evaluated and where the method has no likelihood.
 FRAMES_SCHEMA = _schema(
     [
         *_IMAGE_KEY,

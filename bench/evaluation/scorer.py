@@ -11,11 +11,20 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation.counts import ChanceScorer, ObjectCounts, count_frame, count_likelihood, find_regions, sum_by_kind
+from bench.evaluation.counts import (
+    ChanceScorer,
+    ObjectCounts,
+    Regions,
+    count_frame,
+    count_likelihood,
+    find_regions,
+    sum_by_kind,
+)
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, FRAME_COUNTS, IMAGE, NOT_ANNOTATED, Row, frames_table, objects_table
 from bench.records.reference import ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
+from bench.times import SECOND_NS
 
 
 class SequenceScorer:
@@ -26,8 +35,8 @@ class SequenceScorer:
     """
 
     def __init__(self, protocol: Protocol) -> None:
-        self._component_size_px = protocol.scoring.false_positive_component_px
-        self._chance = ChanceScorer(lag_ns=protocol.chance_lag_ns)
+        self._large_px = protocol.scoring.false_positive_component_px
+        self._chance = ChanceScorer(lag_ns=round(protocol.scoring.chance_lag_s * SECOND_NS))
         self._objects: list[Row] = []
         self._frames: list[Row] = []
 
@@ -47,19 +56,11 @@ class SequenceScorer:
         height, width = reference.valid.shape
         detected = segmentation.mask_at(width, height)
         regions = find_regions(reference, detected)
-        frame, objects = count_frame(
-            reference,
-            detected,
-            cause=segmentation.cause,
-            causes=segmentation.causes,
-            cell_size_px=segmentation.cell_size_px,
-            component_size_px=self._component_size_px,
-            regions=regions,
-        )
+        frame, objects = count_frame(reference, detected, component_size_px=self._large_px, regions=regions)
         self._chance.add(reference, detected)
         row = _image_columns(reference) | asdict(frame)
         row |= {"status": EVALUATED if reference.annotated else NOT_ANNOTATED}
-        row |= {"fp_by_cause": sorted(frame.fp_by_cause.items())}
+        row |= {"fp_by_cause": sorted(_false_px_by_cause(regions, segmentation).items())}
         row |= {"undefined_px": _undefined_px(reference.valid, segmentation)}
         self._frames.append(row)
         if not reference.annotated:
@@ -71,9 +72,7 @@ class SequenceScorer:
                 cell_size_px=segmentation.cell_size_px,
                 is_score=segmentation.likelihood_is_score,
             )
-        ceiling = None
-        if exact is not None:
-            ceiling = count_frame(reference, exact, component_size_px=self._component_size_px)[1]
+        ceiling = None if exact is None else count_frame(reference, exact, component_size_px=self._large_px)[1]
         self._objects.extend(_object_rows(reference, objects, ceiling))
 
     def leave_out(
@@ -113,6 +112,15 @@ def _object_rows(
 
 def _image_columns(reference: ReferenceFrame) -> Row:
     return {name: getattr(reference, name) for name in (*IMAGE, "ego_speed_mps")}
+
+
+def _false_px_by_cause(regions: Regions, segmentation: Segmentation) -> dict[str, int]:
+    """False positives by the cause that the method names; empty for a method that names none."""
+    if segmentation.cause is None:
+        return {}
+    causes, cell_size_px = segmentation.causes, segmentation.cell_size_px
+    px = sum_by_kind(regions.false, segmentation.cause, cell_size_px=cell_size_px, bins=len(causes), name="cause")
+    return dict(zip(causes, px.tolist(), strict=True))
 
 
 def _undefined_px(valid: NDArray[np.bool_], segmentation: Segmentation) -> int:

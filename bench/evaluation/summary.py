@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import pandas as pd
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
@@ -18,7 +18,6 @@ from bench.evaluation.definitions import (
     IMAGE_FRAMES,
     MARKED,
     OBJECT_FRAMES,
-    OF_OBJECTS,
     SEGMENTATION,
     Definition,
     cause_metric,
@@ -70,25 +69,14 @@ class Metric(_SummaryModel):
 NO_CASES = Metric(value=math.nan, ci95=None, cases=0, recordings=0)
 
 
-def _describe(schema: dict[str, Any], model: Any) -> None:
-    """Say in the schema of a row what its metrics mean."""
-    for metric in model.definitions:
-        if metric.field in schema["properties"]:
-            schema["properties"][metric.field]["description"] = metric.meaning
-
-
 class _Metrics(BaseModel):
     """Metrics by the names of their definitions, which say what they mean.
 
     Declared are those that a reader may count on, so that editors complete them and a file without them is refused; a
     metric that is added to the definitions needs no declaration to be stored and read.
-
-    Attributes:
-        definitions: of the metrics.
     """
 
-    model_config = ConfigDict(frozen=True, extra="allow", json_schema_extra=_describe)
-    definitions: ClassVar[tuple[Definition, ...]]
+    model_config = ConfigDict(frozen=True, extra="allow")
     __pydantic_extra__: dict[str, Metric]
 
     def metric(self, name: str) -> Metric:
@@ -116,7 +104,6 @@ class ObjectMetrics(_Metrics):
         recordings: recordings that they come from.
     """
 
-    definitions = OF_OBJECTS
     object_frames: int
     tracks: int
     recordings: int
@@ -136,7 +123,6 @@ class FalsePositiveMetrics(_Metrics):
         recordings: that they come from.
     """
 
-    definitions = FALSE_POSITIVES
     frames: int
     recordings: int
     coverage: Metric
@@ -148,7 +134,6 @@ class FalsePositiveMetrics(_Metrics):
 class SegmentationMetrics(_Metrics):
     """The field's usual metrics of the moving class, from summed pixel counts outside I."""
 
-    definitions = SEGMENTATION
     iou: Metric
     precision: Metric
     recall: Metric

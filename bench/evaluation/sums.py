@@ -38,14 +38,12 @@ from bench.evaluation.rows import (
     EVALUATED,
     FRAMES_SCHEMA,
     IMAGE,
-    IMAGE_STATUSES,
     NOT_ANNOTATED,
     OBJECT,
     OBJECTS_SCHEMA,
     Rows,
     read_parts,
 )
-from bench.records.reference import IgnoreReason, Status
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 CLASS_AND_SPEED = "class_and_speed"
@@ -161,10 +159,6 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce annotated object-frames of whole recordings, all columns, to sums that `add_sums` adds to others."""
     assert not objects.duplicated(OBJECT).any(), f"{OBJECT} names each row once"
     rows = objects[objects["status"] == EVALUATED]
-    refuse_strange(objects["status"], Status)
-    refuse_strange(objects["reason"], IgnoreReason)
-    refuse_strange(rows["category"], protocol.reference.categories)
-    refuse_strange(rows["object_class"], protocol.reference.classes)
     breakdowns = {name: of(rows) for name, (_, of) in object_breakdowns(protocol).items()}
     metrics = object_metrics(
         protocol.scoring.detection_levels,
@@ -179,7 +173,6 @@ def sum_objects(objects: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
 def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce images of whole recordings, `COLUMNS_OF_FRAMES`, to sums that `add_sums` adds to others."""
     assert not frames.duplicated(IMAGE).any(), f"{IMAGE} names each row once"
-    refuse_strange(frames["status"], IMAGE_STATUSES)
     rows = frames[frames["status"] == EVALUATED]
     breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
     metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
@@ -187,17 +180,6 @@ def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     marked = sum_metrics(unknown, [MARKED], {FRAMES: pd.Series(FRAMES, unknown.index)})
     ledger = _count(frames, "images", ("status", "problem", "camera"))
     return pd.concat([sum_metrics(rows, metrics, breakdowns), marked, ledger], ignore_index=True)
-
-
-def refuse_strange(words: pd.Series[str], known: Iterable[str]) -> None:
-    """Refuse words that no run counts, as of one whose files were changed.
-
-    Raises:
-        DataError: there is such a word.
-    """
-    if strange := {*words.dropna().unique()} - {*map(str, known)}:
-        field = f"{words.name} of evaluated objects" if words.name in {"object_class", "direction"} else str(words.name)
-        raise DataError("counts of the run", field=field, expected=", ".join(known), got=repr(min(strange)))
 
 
 def sum_metrics(

@@ -84,7 +84,7 @@ class FramePipeline:
     def references(self) -> ReferenceBuilder:
         """Builds the reference of the images."""
         assert self._protocol is not None, "the reference is by a protocol"
-        return ReferenceBuilder(self.recording, self.camera.name, self._protocol.reference_settings())
+        return ReferenceBuilder(self.recording, self.camera.name, self._protocol.reference)
 
     def process(self, index: int) -> ProcessedFrame:
         """Process the image of an index, at least `method.history` from the start.

@@ -130,7 +130,7 @@ def _export_recording(handle: RecordingHandle, *, folder: Path, protocol: Protoc
     entries = [
         _export_image(builder, image, folder / safe_name(recording.name))
         for name in sorted(recording.cameras)
-        for builder in [ReferenceBuilder(recording, name, protocol.reference_settings())]
+        for builder in [ReferenceBuilder(recording, name, protocol.reference)]
         for image in recording.images[name][first_scored(recording.images[name]) :]
     ]
     _write_json(folder / f"{safe_name(recording.name)}.json", {"recording": recording.name, "images": entries})

@@ -240,7 +240,7 @@ def _process(request: RunRequest, task: Task) -> int:
         return 0
     recording = _open(task.handle, task.digests)
     images = recording.images[task.camera][task.start : task.stop]
-    settings = [protocol.reference_settings() for protocol in due.values()]
+    settings = [protocol.reference for protocol in due.values()]
     references = find_references(recording, images, settings=settings, digest=task.digests.reference)
     files, asked = [request.answers(results, task) for results in due], 0
     for file, of_images in zip(files, references, strict=True):

@@ -8,7 +8,6 @@ A method is given consecutive images, calibration and ego-motion, never annotati
 from bench.methods.contract import (
     FlowMethod,
     Method,
-    MethodError,
     MethodInput,
     Scorable,
     UnansweredImage,
@@ -21,7 +20,6 @@ __all__ = [
     "METHODS",
     "FlowMethod",
     "Method",
-    "MethodError",
     "MethodInput",
     "Scorable",
     "Segmentation",

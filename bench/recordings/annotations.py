@@ -12,7 +12,6 @@ time:
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Sequence
 from os.path import lexists
@@ -270,19 +269,9 @@ class OpenLabel(FileModel):
 
 
 class AnnotationFile(FileModel):
-    """`annotations.json`."""
+    """Annotations of a recording, a subset of ASAM OpenLABEL 1.0."""
 
     openlabel: OpenLabel
-
-
-def schema_text() -> str:
-    """The JSON Schema of annotation files, as it stands in `annotations/openlabel-subset.schema.json`."""
-    schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Annotations of fisheye-bench: a subset of ASAM OpenLABEL 1.0",
-        **{key: value for key, value in AnnotationFile.model_json_schema().items() if key != "title"},
-    }
-    return json.dumps(schema, indent=1) + "\n"
 
 
 # From and to tracks

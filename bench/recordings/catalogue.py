@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from bench.errors import DataError, UnknownNameError
 from bench.plug_ins import imported, known_targets
 from bench.recordings.annotations import REVIEW_SUFFIX, annotated_as, annotation_file_in
@@ -107,6 +109,18 @@ def handles_of(
         return partial(open_folder, folder, annotations=annotation_file_in(annotations, folder.name))
 
     return tuple(RecordingHandle(name=folder.name, opener=opener(folder)) for folder in folders)
+
+
+def median_interval_ns(images: Mapping[str, Sequence[ImageRef]], *, file: Path) -> int:
+    """Median time between the images of a camera, of all cameras, where a data set does not state it.
+
+    Raises:
+        DataError: no camera of the `file` has two images.
+    """
+    steps_ns = [np.diff([image.timestamp_ns for image in refs]) for refs in images.values()]
+    if not sum(map(len, steps_ns)):
+        raise DataError(file, expected="two images of a camera at least", got="fewer")
+    return int(np.median(np.concatenate(steps_ns)))
 
 
 class Adapter(Protocol):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import scandir
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -25,9 +24,7 @@ READ_BYTES = 65_536
 LONGEST_FRAME_NUMBER = 18  # digits
 
 
-def numbered_files(
-    root: Path, folder: Path, number_of: Callable[[Path], int | None], *, each: str, links_into: Path | None = None
-) -> dict[int, Path]:
+def numbered_files(root: Path, folder: Path, number_of: Callable[[Path], int | None], *, each: str) -> dict[int, Path]:
     """The files of a folder by their number, in order; none where the folder does not exist.
 
     Args:
@@ -35,7 +32,6 @@ def numbered_files(
         folder: below it.
         number_of: of a file, by its name; None for one to pass over.
         each: what has one file, for messages.
-        links_into: as of `refuse_escape`.
 
     Raises:
         DataError: a name that `number_of` refuses, a file or folder that leads outside of `root`, or a number that two
@@ -43,7 +39,7 @@ def numbered_files(
     """
     if not folder.is_dir():
         return {}
-    refuse_escape(root, folder, file=folder, links_into=links_into)
+    refuse_escape(root, folder, file=folder)
     files: dict[int, Path] = {}
     for entry in sorted(scandir(folder), key=lambda entry: entry.name):
         path = folder / entry.name
@@ -51,7 +47,7 @@ def numbered_files(
         if number is None:
             continue
         if entry.is_symlink():
-            refuse_escape(root, path, file=path, links_into=links_into)
+            refuse_escape(root, path, file=path)
         if number in files:
             raise DataError(path, expected=f"one file for each {each}", got=f"also {files[number].name}")
         files[number] = path
@@ -99,27 +95,6 @@ def framed_files(root: Path, folder: Path, pattern: str) -> dict[int, Path]:
         return None if match is None or len(match[1]) > LONGEST_FRAME_NUMBER else int(match[1])
 
     return numbered_files(root, folder, number_of, each="frame")
-
-
-def read_object(root: Path, file: Path, *, expected: str) -> dict[str, Any]:
-    """Read a JSON file that holds an object.
-
-    Args:
-        root: folder of the data set, which the file must not leave.
-        file: JSON.
-        expected: what the object is, for messages.
-
-    Raises:
-        DataError: missing, outside of `root`, not JSON or no object.
-    """
-    refuse_escape(root, file, file=file)
-    try:
-        content = json.loads(read_text(file))
-    except (ValueError, RecursionError) as error:
-        raise DataError(file, expected="JSON", got=str(error)) from error
-    if not isinstance(content, dict):
-        raise DataError(file, expected=expected, got=type(content).__name__)
-    return content
 
 
 def read_whole(file: Path, *, expected: str = "a readable file", largest_bytes: int = LARGEST_READ_BYTES) -> bytes:

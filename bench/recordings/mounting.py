@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 import cv2
@@ -15,10 +14,10 @@ from pydantic import Field, field_validator
 from bench.atomic import MOST_LINK_LEVELS
 from bench.cameras import CameraModel, RollingShutter, camera_from_parameters
 from bench.cameras.model import LONGEST_READOUT_S, ReadoutDirection
-from bench.errors import DataError, UnknownNameError
+from bench.errors import ShapeError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.images import MOST_WHITE
-from bench.recordings.validation import FileModel, Measured, SidePx, located
+from bench.recordings.validation import FileModel, Measured, SidePx
 from bench.records.recording import MountedCamera
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
@@ -99,8 +98,6 @@ class CameraOptions(FileModel, Generic[CameraName]):
         vehicle_from_camera: RigidTransform,
         *,
         ground_height_m: float = 0.0,
-        file: Path,
-        field: str,
     ) -> MountedCamera:
         """A camera with these options; arguments and errors as of `mounted_camera`."""
         return mounted_camera(
@@ -111,8 +108,6 @@ class CameraOptions(FileModel, Generic[CameraName]):
             ego_body=body_mask((model.width, model.height), self.body_polygons.get(camera, ())),
             evaluated_size_px=self.evaluated_size_px,
             rolling_shutter=self.rolling_shutter.get(camera),
-            file=file,
-            field=field,
         )
 
 
@@ -141,8 +136,6 @@ def mounted_camera(
     ego_body: NDArray[np.bool_] | None,
     evaluated_size_px: EvaluatedSize,
     rolling_shutter: RollingShutterHead | None = None,
-    file: Path,
-    field: str,
 ) -> MountedCamera:
     """A camera at the size at which it is evaluated.
 
@@ -154,23 +147,16 @@ def mounted_camera(
         ego_body: as of the camera, at the size of the stored images.
         evaluated_size_px: of all cameras, or by camera; as stored without.
         rolling_shutter: as a file states it; None where all rows are exposed at once.
-        file: that says where the camera is, for messages.
-        field: the same.
 
     Raises:
-        DataError: a camera that is not above the road, or images that would be squeezed.
+        ShapeError: a camera that is not above the road, or images that would be squeezed.
     """
     height_m = float(vehicle_from_camera.translation_m[2]) - ground_height_m
     if not height_m > 0.0:
         inverse_m = float(vehicle_from_camera.inverse().translation_m[2]) - ground_height_m
-        inverse = f"the inverse of the mounting stands {inverse_m:.2f} m above it"
-        raise DataError(
-            file,
-            field=field,
-            expected="a camera above the road",
-            got=f"a height of {height_m:.2f} m",
-            hint=f"{inverse}: give vehicle_from_camera, not camera_from_vehicle" if inverse_m > 0.0 else "",
-        )
+        hint = f"; the inverse of the mounting stands {inverse_m:.2f} m above it: give vehicle_from_camera, not "
+        hint = f"{hint}camera_from_vehicle" if inverse_m > 0.0 else ""
+        raise ShapeError(f"expected a camera above the road, got a height of {height_m:.2f} m{hint}")
     road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
     camera = MountedCamera(
         name=name,
@@ -182,22 +168,20 @@ def mounted_camera(
         rolling_shutter=None if rolling_shutter is None else rolling_shutter.shutter,
     )
     size_px = evaluated_size_px.get(name) if isinstance(evaluated_size_px, dict) else evaluated_size_px
-    return camera if size_px is None else _scaled(camera, size_px, file)
+    return camera if size_px is None else _scaled(camera, size_px)
 
 
-def _scaled(camera: MountedCamera, size_px: SizePx, file: Path) -> MountedCamera:
+def _scaled(camera: MountedCamera, size_px: SizePx) -> MountedCamera:
     """Return the camera evaluated at another size; the images on disk stay as they are."""
     (width, height), (stored_width, stored_height) = size_px, camera.stored_size_px
     if (width, height) == (stored_width, stored_height):
         return camera
     kept = width, round(width * stored_height / stored_width)
     if abs(height - kept[1]) > 1:
-        raise DataError(
-            file,
-            field=f"camera {camera.name!r}",
-            expected=f"options.evaluated_size_px in the shape of its images, {stored_width} x {stored_height} px",
-            got=f"{width} x {height} px, which squeeze them",
-            hint=f"give a size by camera: evaluated_size_px: {{{camera.name}: [{kept[0]}, {kept[1]}]}}",
+        images = f"the images of {camera.name!r}, {stored_width} x {stored_height} px"
+        hint = f"give a size by camera: evaluated_size_px: {{{camera.name}: [{kept[0]}, {kept[1]}]}}"
+        raise ShapeError(
+            f"expected an option evaluated_size_px in the shape of {images}, got {width} x {height} px; {hint}"
         )
     body = camera.ego_body
     if body is not None:
@@ -223,30 +207,26 @@ def body_mask(size_px: tuple[int, int], polygons: Sequence[Polygon]) -> NDArray[
     return filled.astype(bool)
 
 
-def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int], *, file: Path, field: str) -> CameraModel:
+def camera_model(stated: Mapping[str, Any], image_size: tuple[int, int]) -> CameraModel:
     """The lens of a camera.
 
     Args:
         stated: `model` is the name of a camera model, the rest are its parameters without the image size.
         image_size: (width, height), px.
-        file: that holds them, for messages.
-        field: the same.
 
     Raises:
-        DataError: no such model, or values that make none.
+        ShapeError: no such model, or values that make none.
     """
-    model = stated.get("model")
+    model, parameters = stated.get("model"), {key: value for key, value in stated.items() if key != "model"}
     if not isinstance(model, str):
-        raise DataError(file, field=f"{field}.model", expected="the name of a camera model", got=repr(model))
+        raise ShapeError(f"model: expected the name of a camera model, got {model!r}")
     if taken := {"width", "height"} & set(stated):
-        raise DataError(file, field=f"{field}.{taken.pop()}", expected="no such key", got="one; image_size says it")
-    parameters = {key: value for key, value in stated.items() if key != "model"}
+        raise ShapeError(f"{taken.pop()}: expected no such key, got one; image_size says it")
     try:
-        with located(file, field):
-            return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
+        return camera_from_parameters(model, width=image_size[0], height=image_size[1], **parameters)
     except UnknownNameError as error:
-        raise DataError(
-            file, field=f"{field}.model", expected=f"one of {', '.join(error.known)}", got=repr(model)
-        ) from error
+        raise ShapeError(f"model: expected one of {', '.join(error.known)}, got {model!r}") from error
+    except ShapeError:
+        raise
     except (TypeError, ValueError) as error:
-        raise DataError(file, field=field, expected="numbers", got=str(error)) from error
+        raise ShapeError(f"expected numbers, got {error}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from os.path import lexists
 from pathlib import Path
@@ -33,7 +33,7 @@ from bench.recordings.mounting import (
     camera_model,
     mounted_camera,
 )
-from bench.recordings.validation import LATEST_NS, FileModel, Measured, read_json, validated
+from bench.recordings.validation import LATEST_NS, FileModel, Measured, located, read_json, validated
 from bench.records.recording import (
     NOT_ANNOTATED,
     Annotated,
@@ -165,15 +165,12 @@ class NativeOptions(FileModel):
         ego_motion: "recorded", what the car reports, or "exact", the true poses of a synthetic recording.
         calibration: "recorded", what `recording.json` says, or "exact", where the sensors of a synthetic recording are.
         bin_columns: names of the columns of sweeps in .bin; null for x, y, z, intensity.
-        links_into: folder of files that links in a recording may lead to, relative to the data set's root, such as the
-            cache of DVC or of Hugging Face; null for none.
     """
 
     evaluated_size_px: EvaluatedSize = None
     ego_motion: Source = "recorded"
     calibration: Source = "recorded"
     bin_columns: BinColumns | None = None
-    links_into: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,13 +181,11 @@ class NativeFolder:
         root: the folder.
         options: as in the card.
         annotations: annotation file that stands in for the recording's own; None for none.
-        links_into: folder outside of `root` that links may lead into; None for none.
     """
 
     root: Path
-    options: NativeOptions = field(default_factory=NativeOptions)
-    annotations: Path | None = None
-    links_into: Path | None = None
+    options: NativeOptions
+    annotations: Path | None
 
     def open(self) -> Recording:
         """Open the recording.
@@ -267,22 +262,20 @@ class NativeFolder:
             place = f"cameras.{name}"
             ego_body = None
             if entry.ego_body_mask is not None:
-                path = path_inside(
-                    self.root, entry.ego_body_mask,
-                    file=file, field=f"{place}.ego_body_mask", links_into=self.links_into,
-                )  # fmt: skip
+                path = path_inside(self.root, entry.ego_body_mask, file=file, field=f"{place}.ego_body_mask")
                 ego_body = read_mask(path, entry.image_size)
-            cameras[name] = mounted_camera(
-                name,
-                camera_model(entry.model, entry.image_size, file=file, field=f"{place}.model"),
-                entry.vehicle_from_camera.transform,
-                ground_height_m=head.vehicle.ground_height_m,
-                ego_body=ego_body,
-                evaluated_size_px=self.options.evaluated_size_px,
-                rolling_shutter=entry.rolling_shutter,
-                file=file,
-                field=f"{place}.vehicle_from_camera",
-            )
+            with located(file, f"{place}.model"):
+                model = camera_model(entry.model, entry.image_size)
+            with located(file, f"{place}.vehicle_from_camera"):
+                cameras[name] = mounted_camera(
+                    name,
+                    model,
+                    entry.vehicle_from_camera.transform,
+                    ground_height_m=head.vehicle.ground_height_m,
+                    ego_body=ego_body,
+                    evaluated_size_px=self.options.evaluated_size_px,
+                    rolling_shutter=entry.rolling_shutter,
+                )
         return cameras
 
     def _images(self, camera: str, white_level: int | None) -> tuple[ImageRef, ...]:
@@ -322,7 +315,7 @@ class NativeFolder:
                 raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
             return int(path.stem)
 
-        return numbered_files(self.root, self.root / folder, time_ns, each="time", links_into=self.links_into)
+        return numbered_files(self.root, self.root / folder, time_ns, each="time")
 
     def _trajectory(self) -> Trajectory:
         """The motion that the car reports, or the true poses."""
@@ -351,7 +344,7 @@ class NativeFolder:
     def _inside(self, name: str) -> Path:
         """A file of the folder, which no link may lead out of."""
         file = self.root / name
-        refuse_escape(self.root, file, file=file, links_into=self.links_into)
+        refuse_escape(self.root, file, file=file)
         return file
 
     def _contents(self, images: Mapping[str, tuple[ImageRef, ...]], sweeps: tuple[SweepRef, ...]) -> Iterator[Content]:
@@ -390,16 +383,9 @@ def native_recordings(
     Raises:
         DataError: options that do not exist.
     """
-    chosen = validated(NativeOptions, options, file=card, field="options")
-    links_into = None if chosen.links_into is None else (root / chosen.links_into).resolve()
-    if links_into is not None and not links_into.is_dir():
-        raise DataError(card, field="options.links_into", expected="a folder", got=f"{links_into}, which is missing")
+    validated(NativeOptions, options, file=card, field="options")
     names = [root] if (root / HEAD).is_file() else sorted(path for path in root.glob("[!.]*/") if _is_recording(path))
-    return handles_of(names, partial(_open, options=chosen, links_into=links_into), annotations)
-
-
-def _open(root: Path, *, options: NativeOptions, links_into: Path | None, annotations: Path | None) -> Recording:
-    return NativeFolder(root=root, options=options, annotations=annotations, links_into=links_into).open()
+    return handles_of(names, partial(open_native, **options), annotations)
 
 
 def _is_recording(folder: Path) -> bool:

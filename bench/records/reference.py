@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal, TypeAlias, get_args
@@ -176,98 +175,3 @@ class ObjectGeometry:
     cluster_vehicle: NDArray[np.float64]
     outline_m: NDArray[np.float64]
     pixels: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionSettings:
-    """Rules by which an object counts as moving, and in which way.
-
-    Attributes:
-        static_below_mps: objects slower than this over the ground are static.
-        hysteresis_low_mps: a moving object becomes static below this.
-        hysteresis_high_mps: a static object becomes moving at or above this.
-        min_run_ns: shorter runs of either state are taken as noise.
-        smoothing_ns: width of the window over which velocities of a track are averaged.
-        ego_static_below_mps: the ego vehicle counts as stationary below this.
-        crossing_from_rad: angle between object velocity and ego direction of travel from which it is crossing.
-        crossing_to_rad: angle above which it is approaching.
-    """
-
-    static_below_mps: float
-    hysteresis_low_mps: float
-    hysteresis_high_mps: float
-    min_run_ns: int
-    smoothing_ns: int
-    ego_static_below_mps: float
-    crossing_from_rad: float
-    crossing_to_rad: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limb:
-    """A limb swings about its joint along the direction of travel, as a sine: its speed grows from joint to end.
-
-    Attributes:
-        joint: height, over that of the object.
-        end: the same, lower than `joint`.
-        speed: peak speed of the end relative to the body, over the speed of the object.
-    """
-
-    joint: float
-    end: float
-    speed: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutlineErrors:
-    """Causes of uncertain outlines, as standard deviations.
-
-    Attributes:
-        range_noise_m: of the lidar.
-        angle_rad: between lidar and camera, about each axis.
-        position_m: between lidar and camera, along each axis.
-        limbs: class -> its kinds of limbs; none for a rigid body.
-    """
-
-    range_noise_m: float
-    angle_rad: float
-    position_m: float
-    limbs: Mapping[str, tuple[Limb, ...]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReferenceSettings:
-    """Settings of how reference polygons are built and which objects are evaluated.
-
-    Attributes:
-        range_limit_m: objects whose nearest point is further from the camera are ignored.
-        ground_clearance_m: points lower than this above the road are the road's, not an object's.
-        min_points: objects with fewer visible lidar points are ignored.
-        min_polygon_px: objects of which fewer pixels in V are certain, before occlusion, are ignored.
-        polygon_kind: kind of the regions.
-        concave_ratio: tightness of the concave hull, 0 the tightest, 1 the convex hull.
-        classes: object classes that are evaluated.
-        categories: kinds of motion that are evaluated.
-        max_sweep_gap_ns: a sweep further from the exposure than this is not used.
-        max_annotation_gap_ns: an annotation further from the exposure than this is not used.
-        motion: thresholds on velocities.
-        shape_margin_m: points this far outside of an annotated shape, but for its bottom, are still the object's.
-        clearance_above_shape: points lower than `ground_clearance_m` above the bottom of the annotated shape are the
-            ground's as well, be it road or pavement; for surface patches always.
-        outline: causes of uncertain outlines; None for regions without an unknown band.
-    """
-
-    range_limit_m: float
-    ground_clearance_m: float
-    min_points: int
-    min_polygon_px: int
-    polygon_kind: str
-    concave_ratio: float
-    classes: tuple[str, ...]
-    categories: tuple[Category, ...]
-    max_sweep_gap_ns: int
-    max_annotation_gap_ns: int
-    motion: MotionSettings
-    shape_margin_m: float = 0.0
-    clearance_above_shape: bool = False
-    outline: OutlineErrors | None = None

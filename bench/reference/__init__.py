@@ -12,13 +12,11 @@ from bench.records.reference import (
     Category,
     Direction,
     IgnoreReason,
-    MotionSettings,
-    OutlineErrors,
     ReferenceFrame,
     ReferenceObject,
-    ReferenceSettings,
     Status,
 )
+from bench.records.rules import MotionSettings, OutlineErrors, ReferenceSettings
 from bench.reference.build import ReferenceBuilder
 from bench.reference.exposure import visible_region
 from bench.reference.regions import REGION_KINDS

@@ -181,13 +181,14 @@ def beyond_beam(corners: Floats, beam: Beam, *, end_m: float) -> Floats:
 def behind_its_returns(scanned: ScannedObject) -> Raster | None:
     """Part of the annotated shape that lies behind its own returns: there the lidar sees nothing, and a camera may.
 
-    Its pixels are those that the middle lines of the outline's patches, across and upright, sweep on their way
-    along the beam to the end of the shape. None where no such patch or no shape is known.
+    Its pixels are those that the middle lines of patches with a free side, across and upright, sweep on their way
+    along the beam to the end of the shape: behind the outline, and behind an edge beside a farther surface, as that of
+    a lorry's floor, whose underside a low camera sees. None where no such patch or no shape is known.
     """
     shape = Prism.around(scanned.parts_world)
     if scanned.grid is None or shape is None:
         return None
-    outermost = (scanned.grid.neighbours < 0).any(axis=0)
+    outermost = ~scanned.grid.linked.all(axis=0)
     beams = normalise(scanned.world_from_sensor.rotate(scanned.points_from_beams[outermost]))
     _, leave_m = shape.ways_m(scanned.cluster.points_world[outermost], beams)
     ways = beams * leave_m.clip(0.0)[:, None]

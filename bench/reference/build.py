@@ -21,10 +21,10 @@ from bench.records.reference import (
     ObjectGeometry,
     ReferenceFrame,
     ReferenceObject,
-    ReferenceSettings,
     Status,
     pixels_object,
 )
+from bench.records.rules import ReferenceSettings
 from bench.reference.bands import with_band
 from bench.reference.exposure import Exposure, visible_region
 from bench.reference.motion import AnnotationIndex, ObjectAtExposure, categorise, relative_direction
@@ -65,8 +65,8 @@ class ReferenceBuilder:
         self._left_out_ground = left_out_ground(recording.annotated)
         self._left_out = left_out_pixels(recording.annotated, self.camera) & self.valid
         self._annotations = AnnotationIndex(recording, settings)
-        self._sweeps = SweepCache(recording, settings.max_sweep_gap_ns)
-        if beside is not None and beside.settings.max_sweep_gap_ns == settings.max_sweep_gap_ns:
+        self._sweeps = SweepCache(recording, round(settings.max_sweep_gap_ms * 1e6))
+        if beside is not None and beside.settings.max_sweep_gap_ms == settings.max_sweep_gap_ms:
             self._sweeps = beside._sweeps
 
     def build(self, image: ImageRef) -> ReferenceFrame:
@@ -104,7 +104,7 @@ class ReferenceBuilder:
         settings, placed = self.settings, self._sweeps.nearest(annotated.state.shape, exposure.timestamp_ns)
         cluster = Cluster(points_world=np.empty((0, 3)), rows=np.empty(0, dtype=np.intp))
         if placed is not None:
-            clears_shape = settings.clearance_above_shape or settings.polygon_kind == SURFACE_PATCHES
+            clears_shape = settings.ground_clearance_above == "shape" or settings.polygon_kind == SURFACE_PATCHES
             cluster = object_cluster(
                 placed,
                 annotated,
@@ -127,7 +127,7 @@ class ReferenceBuilder:
         if not scanned.has_enough_returns:
             return annotated_outline(scanned)
         region = REGION_KINDS[self.settings.polygon_kind](scanned)
-        return region if region is None or scanned.settings.outline is None else with_band(region, scanned)
+        return region if region is None or scanned.settings.unknown_band is None else with_band(region, scanned)
 
     def geometry(self, track_id: str, image: ImageRef) -> ObjectGeometry:
         """An object's lidar points and outline at exposure; to look at, not to score.
@@ -166,7 +166,8 @@ def without_needless_bands(scanned: Sequence[ScannedObject]) -> list[ScannedObje
     """The objects of an image, nearest first, without unknown bands for static ones that hide nothing but each other:
     of these only the polygon counts."""
     last = max((number for number, item in enumerate(scanned) if not item.annotated.static), default=-1)
-    plain = [replace(item, settings=replace(item.settings, outline=None)) for item in scanned[last + 1 :]]
+    without = {"unknown_band": None}
+    plain = [replace(item, settings=item.settings.model_copy(update=without)) for item in scanned[last + 1 :]]
     return [*scanned[: last + 1], *plain]
 
 

@@ -7,7 +7,8 @@ a line of heights over range, from where it starts on the lidar's axis.
 Neighbours among the returns of an object are found from their directions alone, which works for data without rings or
 times and for any number of beams. The directions have to be those from the sensor: a data set that gives its points in
 other axes has to state `Recording.lidar_from_sensor`. Beams that start in several places leave a gap between their rows
-that is wider the nearer the object is: nothing is missing there.
+that is wider the nearer the object is. Nothing is missing there, unless another return lies in the gap: then a beam
+went through.
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ class Grid:
 
     Attributes:
         neighbours: (4, N) intp, row of the neighbour to the left, to the right, above and below; -1 where there is none
-            within 2.5 steps, and above and below within what lies between starts of beams.
+            within 2.5 steps, and above and below within what lies between starts of beams if nothing was met there.
         linked: (4, N) bool, the neighbour lies on the same surface: no further behind or before than an oblique one.
         certain: (4, N) bool, no return is missing between the two, and they are as near as over one missing return;
             others may be two surfaces.
@@ -166,19 +167,23 @@ class Grid:
         return np.asarray(np.sqrt(np.square(self.step_sensor).sum(axis=0)))
 
 
-def find_grid(points_sensor: NDArray[np.floating], *, starts_apart_m: float = 0.0) -> Grid | None:
+def find_grid(
+    points_sensor: NDArray[np.floating], *, starts_apart_m: float = 0.0, others_sensor: Floats | None = None
+) -> Grid | None:
     """Find the neighbours of each return.
 
     Args:
         points_sensor: (N, 3), m, from where each beam starts, sensor axes at each point's own time.
         starts_apart_m: m, `Envelope.starts_apart_m`.
+        others_sensor: (M, 3) float64, m, returns of the sweep from what else lies in these directions; None for none.
 
     Returns:
         The grid; None where no two returns lie beside each other in a row, so that the step between columns is unknown.
     """
     if len(points_sensor) < 2:
         return None
-    azimuth, elevation = _directions(points_sensor)
+    middle = float(np.arctan2(points_sensor[:, 1].mean(), points_sensor[:, 0].mean()))
+    azimuth, elevation = _directions(points_sensor, middle)
     column_step = _column_step(azimuth, elevation)
     if column_step <= 0:
         return None
@@ -186,7 +191,8 @@ def find_grid(points_sensor: NDArray[np.floating], *, starts_apart_m: float = 0.
     flat_m = np.sqrt(x * x + y * y)
     ranges_m = np.sqrt(flat_m * flat_m + z * z)
     gap_rad = starts_apart_m / np.maximum(ranges_m, 1e-9)
-    above_below, lifts, usual = _above_and_below(azimuth, elevation, column_step, gap_rad)
+    others = _directions(np.zeros((0, 3)) if others_sensor is None else others_sensor, middle)
+    above_below, lifts, usual = _above_and_below(azimuth, elevation, column_step, gap_rad, others)
     beside, turns = _beside(azimuth, elevation, column_step, usual / 2)
     nearest = np.where(above_below >= 0, lifts, np.inf).min(axis=0)
     row_step = np.where(np.isfinite(nearest), np.minimum(nearest, 1.5 * usual), usual)
@@ -207,10 +213,9 @@ def find_grid(points_sensor: NDArray[np.floating], *, starts_apart_m: float = 0.
     )
 
 
-def _directions(points_sensor: NDArray[np.floating]) -> tuple[Floats, Floats]:
+def _directions(points_sensor: NDArray[np.floating], middle: float) -> tuple[Floats, Floats]:
     """Azimuth about the middle direction, so that no cluster is cut in two behind the sensor, and elevation; rad."""
     x, y, z = points_sensor.astype(np.float64).T
-    middle = np.arctan2(y.mean(), x.mean())
     cosine, sine = np.cos(middle), np.sin(middle)
     return np.arctan2(y * cosine - x * sine, x * cosine + y * sine), np.arctan2(z, np.hypot(x, y))
 
@@ -229,22 +234,27 @@ def _column_step(azimuth: Floats, elevation: Floats) -> float:
 
 
 def _above_and_below(
-    azimuth: Floats, elevation: Floats, column_step: float, gap_rad: Floats
+    azimuth: Floats, elevation: Floats, column_step: float, gap_rad: Floats, others: tuple[Floats, Floats]
 ) -> tuple[NDArray[np.intp], Floats, Floats]:
     """Neighbours in the same column, (2, N), the angles to them, and the usual angle between rows at each return."""
-    column = np.floor(azimuth / (1.5 * column_step)) * ROW_KEY  # wide enough to hold a return of every row
-    keys = column + elevation
+    columns, other_columns = (
+        np.floor(angles / (1.5 * column_step)) * ROW_KEY for angles in (azimuth, others[0])
+    )  # wide enough to hold a return of every row
+    keys, other_keys = columns + elevation, np.sort(other_columns + others[1])
     order = np.argsort(keys, kind="stable")
-    keys, column, elevation = keys[order], column[order], elevation[order]
+    keys, column, elevation = keys[order], columns[order], elevation[order]
     least = SAME_ROW * column_step
     places = np.array([np.searchsorted(keys, keys + least), np.searchsorted(keys, keys - least) - 1])
-    others = np.clip(places, 0, len(order) - 1)
-    lifts = np.abs(elevation[others] - elevation)
-    lifts[(column[others] != column) | (lifts < least)] = np.inf
+    nearest = np.clip(places, 0, len(order) - 1)
+    lifts = np.abs(elevation[nearest] - elevation)
+    lifts[(column[nearest] != column) | (lifts < least)] = np.inf
     usual = _usual_by_elevation(elevation, lifts.min(axis=0), otherwise=column_step)
-    others = np.where(lifts <= BRIDGED_STEPS * usual + gap_rad[order], order[others], -1)
+    lower, upper = np.minimum(keys[nearest], keys) + least, np.maximum(keys[nearest], keys) - least
+    nothing_met = np.searchsorted(other_keys, lower) >= np.searchsorted(other_keys, upper)
+    reach = BRIDGED_STEPS * usual + np.where(nothing_met, gap_rad[order], 0.0)
+    neighbours = np.where(lifts <= reach, order[nearest], -1)
     back = np.argsort(order)
-    return others.take(back, axis=1), lifts.take(back, axis=1), usual[back]
+    return neighbours.take(back, axis=1), lifts.take(back, axis=1), usual[back]
 
 
 def _usual_by_elevation(elevation: Floats, lifts: Floats, *, otherwise: float) -> Floats:

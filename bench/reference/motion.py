@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from math import atan2, hypot
+from math import atan2, hypot, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,9 @@ from bench.records.recording import (
     Track,
     world_velocities,
 )
-from bench.records.reference import Category, Direction, MotionSettings, ReferenceSettings
+from bench.records.reference import Category, Direction
+from bench.records.rules import MotionSettings, ReferenceSettings
+from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +101,7 @@ def track_motion(track: Track, trajectory: Trajectory, settings: MotionSettings)
     centres = np.array([centre_vehicle(state.shape) for state in track.states]).reshape(-1, 3)
     centres_world = np.einsum("nij,nj->ni", rotations, centres) + positions_m
     velocity = np.where(np.isfinite(velocity), velocity, world_velocities(times_ns, centres_world))
-    smooth = _smoothed(times_ns, velocity, settings.smoothing_ns)
+    smooth = _smoothed(times_ns, velocity, round(settings.smoothing_s * SECOND_NS))
     moving = moving_states(times_ns, np.hypot(smooth[:, 0], smooth[:, 1]), settings)
     return TrackMotion(track=track, velocity_world_mps=velocity, smooth_world_mps=smooth, moving=moving)
 
@@ -129,12 +131,12 @@ def moving_states(times_ns: NDArray[np.int64], speed_mps: Floats, settings: Moti
     state: bool | None = None
     for index, speed in enumerate(speed_mps):
         if np.isfinite(speed):
-            limit = {None: settings.static_below_mps, True: settings.hysteresis_low_mps}.get(
+            limit = {None: settings.object_static_mps, True: settings.hysteresis_low_mps}.get(
                 state, settings.hysteresis_high_mps
             )
             state = bool(speed >= limit)
         moving[index] = bool(state)
-    return _without_short_runs(times_ns, moving, settings.min_run_ns)
+    return _without_short_runs(times_ns, moving, round(settings.min_run_s * SECOND_NS))
 
 
 def categorise(velocity_mps: Floats, ego_velocity_mps: Floats, settings: MotionSettings) -> Category:
@@ -150,13 +152,13 @@ def categorise(velocity_mps: Floats, ego_velocity_mps: Floats, settings: MotionS
     """
     (x, y), (ego_x, ego_y) = velocity_mps[:2].tolist(), ego_velocity_mps[:2].tolist()
     ego_speed = hypot(ego_x, ego_y)
-    if ego_speed < settings.ego_static_below_mps:
+    if ego_speed < settings.ego_static_mps:
         return Category.STATIC_EGO
     along, across = (x * ego_x + y * ego_y) / ego_speed, (ego_x * y - ego_y * x) / ego_speed
     angle_rad = atan2(abs(across), along)
-    if angle_rad > settings.crossing_to_rad:
+    if angle_rad > radians(settings.crossing_to_deg):
         return Category.APPROACHING
-    if angle_rad >= settings.crossing_from_rad:
+    if angle_rad >= radians(settings.crossing_from_deg):
         return Category.CROSSING
     return Category.OVERTAKING if along >= ego_speed else Category.PRECEDING
 
@@ -201,7 +203,7 @@ class AnnotationIndex:
     """
 
     def __init__(self, recording: Recording, settings: ReferenceSettings) -> None:
-        self._trajectory, self._gap_ns = recording.trajectory, settings.max_annotation_gap_ns
+        self._trajectory, self._gap_ns = recording.trajectory, round(settings.max_annotation_gap_ms * 1e6)
         self._motion = cache(lambda number: track_motion(recording.tracks[number], self._trajectory, settings.motion))
         rows = [(s.timestamp_ns, t, i) for t, track in enumerate(recording.tracks) for i, s in enumerate(track.states)]
         self._rows = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import radians
 
 import numpy as np
 import shapely
@@ -27,7 +28,7 @@ from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
-from bench.records.reference import Limb, OutlineErrors, ReferenceSettings
+from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
@@ -59,7 +60,7 @@ class Surface:
     Attributes:
         likely: (rows, columns) bool, of a window that may reach beyond the image; nothing where too few returns tell.
         corner: (2,) int64, (u, v) of this window's first pixel.
-        least: in V, with free ends drawn in; None without `ReferenceSettings.outline`.
+        least: in V, with free ends drawn in; None without `ReferenceSettings.unknown_band`.
         most: in V, what it gains with free ends drawn out; None likewise.
         certain: in V, between returns that leave no doubt; None also for what is solid.
     """
@@ -207,10 +208,11 @@ class ScannedObject:
     def error_m(self) -> Floats:
         """(N,) float64, m, how uncertain the outline is near each return but for the spacing of the beams; see
         `outline_error_m`."""
-        camera_from_world, errors = self.exposure.camera_from_world, self.settings.outline
+        camera_from_world, errors = self.exposure.camera_from_world, self.settings.unknown_band
         assert errors is not None, "only for protocols with unknown bands"
-        velocity_mps = self.annotated.known_velocity_mps
-        speed_mps, limbs = float(np.hypot(*velocity_mps[:2])), errors.limbs.get(self.annotated.track.object_class, ())
+        velocity_mps, own_class = self.annotated.known_velocity_mps, self.annotated.track.object_class
+        speed_mps = float(np.hypot(*velocity_mps[:2]))
+        limbs = [limb for name, limbs_of_class in errors.limbs.items() if name == own_class for limb in limbs_of_class]
         variance_m2 = np.full(len(self.cluster.rows), self._revolution_m2(velocity_mps))
         if limbs and speed_mps:
             heights_m = self.cluster.points_world[:, 2] - self._known_world[:, 2].min()
@@ -245,7 +247,7 @@ class ScannedObject:
         """
         if self.grid is None:
             return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64))
-        if self.settings.outline is None:
+        if self.settings.unknown_band is None:
             counts, corner = draw(self.patches.corners, self.exposure)
             return Surface(likely=without_slits(union(counts), solid=self.solid), corner=corner - 1)
         corners, layer = self.patches.layers(self.error_m, solid=self.solid)
@@ -296,4 +298,4 @@ def outline_error_m(
     distance2_m2, aside = dot(points_camera, points_camera), cross(points_camera, beams)
     parallax2 = np.nan_to_num(dot(aside, aside) / (distance2_m2 * dot(beams, beams)))  # squared sine
     variance_m2 = variance_m2 + errors.range_noise_m**2 * parallax2 + errors.position_m**2
-    return np.asarray(np.sqrt(errors.angle_rad**2 * distance2_m2 + variance_m2))
+    return np.asarray(np.sqrt(radians(errors.angle_deg) ** 2 * distance2_m2 + variance_m2))

@@ -100,9 +100,18 @@ class PosedSweep:
         """Neighbours among these points; cached, since images that share a sweep ask for the same points."""
         key = rows.tobytes()
         if key not in self._grids:
-            points = self.points_from_beams(rows)
-            self._grids[key] = find_grid(points, starts_apart_m=self.envelope.starts_apart_m)
+            points, apart_m = self.points_from_beams(rows), self.envelope.starts_apart_m
+            others = self.points_from_beams(self._others_between(points, rows)) if apart_m else None
+            self._grids[key] = find_grid(points, starts_apart_m=apart_m, others_sensor=others)
         return self._grids[key]
+
+    def _others_between(self, points: Floats, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Rows of all other returns between the first and the last azimuth of some."""
+        x, y, _ = points.T
+        away = (self.azimuths_rad - np.arctan2(y.mean(), x.mean()) + np.pi) % (2 * np.pi) - np.pi
+        between = (away >= away[rows].min()) & (away <= away[rows].max())
+        between[rows] = False
+        return np.flatnonzero(between)
 
     @cached_property
     def _grids(self) -> dict[bytes, Grid | None]:

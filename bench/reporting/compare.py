@@ -230,8 +230,6 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
 
     def parts() -> Iterator[pd.DataFrame]:
         for rows in changes_in_parts(before.objects, after.objects, level=formats.found_level(before.protocol)):
-            # Rows that one run alone has were changed by hand, which `verify` finds.
-            rows = rows[~rows["change"].isin(["only_before", "only_after"])]
             lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
             numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
             numbers |= {"gained": gained, "lost": lost}

@@ -15,6 +15,7 @@ import logging
 import time
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +26,7 @@ import torch
 import typer
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import binary_cross_entropy_with_logits
+from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
 
 from bench import __version__
 from bench.atomic import make_folder, replacing, write_bytes, write_text
@@ -35,7 +36,7 @@ from bench.execution import usable_cores
 from bench.methods.learned.inputs import COARSE, DIFFERENCES, FINE, GROUPS, MIRRORED, ZERO, Channels
 from bench.methods.learned.method import padded
 from bench.recordings import load_card
-from bench.training.network import MotionNetwork, ScoredNetwork
+from bench.training.network import MotionNetwork, ScoredNetwork, begin_with
 from bench.training.pairs import DATASET, PreparedDrive, prepare
 
 LOG = logging.getLogger(__name__)
@@ -46,10 +47,12 @@ AVERAGED = 0.998  # of the running mean of the weights, which is what is validat
 WARM_UP = 0.05  # of all steps
 MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fifty times as many
 SMALL_PX, SMALL_WEIGHT = 4000.0, 4.0  # objects of fewer fine pixels count more, by the root of their size, to so much
+BODIES_WEIGHT = 0.3  # of the coarsest levels' loss
 SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
 THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
+STATISTICS_BATCHES = 16  # of crops from which normalisation is made again
 GREY = ("current", "fine_current")
 
 
@@ -68,6 +71,7 @@ class Plan:
         rate: largest learning rate.
         decay: of the weights.
         bfloat16: computes in 16 bits, which takes half the time on processors that can.
+        start: SHA-256 of the exported network whose weights it begins with; "" for random ones.
         seed: of everything random.
     """
 
@@ -80,6 +84,7 @@ class Plan:
     rate: float = 3e-3
     decay: float = 1e-2
     bfloat16: bool = False
+    start: str = ""
     seed: int = 1
 
     @property
@@ -328,6 +333,17 @@ def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     return 5 * entropy / (weight > 0).sum((1, 2)).clamp(min=1) + 1 - (both + SMOOTH_PX) / (union + SMOOTH_PX)
 
 
+def loss_of_bodies(bodies: Sequence[Tensor], target: Tensor, weight: Tensor) -> Tensor:
+    """Mean of `loss_of` over coarse levels, each against the share of moving pixels in its cells; (N,)."""
+    losses = []
+    for logits in bodies:
+        side = target.shape[-1] // logits.shape[-1]
+        counted = avg_pool2d((weight > 0).float(), side)
+        moving = avg_pool2d(target * (weight > 0), side) / counted.clamp(min=1e-6)
+        losses.append(loss_of(logits, moving, counted))
+    return torch.stack(losses).mean(0)
+
+
 def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, device: str) -> Validation:
     """Count right and wrong pixels on whole images at every threshold."""
     rows = [COARSE.index(name) for name in plan.coarse], [FINE.index(name) for name in plan.fine]
@@ -359,9 +375,21 @@ def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, de
 
 
 def train(
-    plan: Plan, training: Sequence[PreparedDrive], held_out: Sequence[PreparedDrive], out: Path
+    plan: Plan,
+    training: Sequence[PreparedDrive],
+    held_out: Sequence[PreparedDrive],
+    out: Path,
+    *,
+    start: Path | None = None,
 ) -> tuple[nn.Module, Validation, list[dict[str, float]]]:
     """Train until validation no longer gets better; continues from the checkpoint in `out`.
+
+    Args:
+        plan: of the training.
+        training: drives to learn from.
+        held_out: drives that validate.
+        out: folder of checkpoint and log.
+        start: exported network whose weights to begin with, beside its card.
 
     Returns:
         The network with the best weights, its validation, and the log.
@@ -373,9 +401,14 @@ def train(
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
     torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it; an eighth of the time
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    network = MotionNetwork(len(plan.coarse), len(plan.fine)).to(device, memory_format=torch.channels_last)
-    averaged = torch.optim.swa_utils.AveragedModel(network, avg_fn=_running_mean, use_buffers=True)
+    network = MotionNetwork(len(plan.coarse), len(plan.fine))
     batches = Batches(training, plan)
+    if start is not None:
+        crops = list(islice(batches.epoch(0, np.ones(batches.images)), STATISTICS_BATCHES))
+        given = torch.cat([batch.coarse for batch in crops]), torch.cat([batch.fine for batch in crops])
+        begin_with(network, start, {"coarse": plan.coarse, "fine": plan.fine}, given)
+    network.to(device, memory_format=torch.channels_last)
+    averaged = torch.optim.swa_utils.AveragedModel(network, avg_fn=_running_mean, use_buffers=True)
     optimiser = torch.optim.AdamW(network.parameters(), weight_decay=plan.decay)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, plan.rate, total_steps=plan.epochs * len(batches), pct_start=WARM_UP
@@ -406,8 +439,8 @@ def train(
             coarse, fine = (part.to(device, memory_format=torch.channels_last) for part in (batch.coarse, batch.fine))
             target, weight = batch.target.to(device), batch.weight.to(device)
             with torch.autocast(device, dtype=torch.bfloat16, enabled=plan.bfloat16):
-                logits = network(coarse, fine)
-            of_crop = loss_of(logits, target, weight)
+                logits, bodies = network.with_bodies(coarse, fine)
+            of_crop = loss_of(logits, target, weight) + BODIES_WEIGHT * loss_of_bodies(bodies, target, weight)
             optimiser.zero_grad()
             of_crop.mean().backward()
             optimiser.step()
@@ -509,6 +542,10 @@ def main(
     disturbed: Annotated[bool, typer.Option(help="images of worse cameras, too")] = True,
     epochs: Annotated[int, typer.Option(min=1, help="at most")] = 20,
     bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
+    rate: Annotated[float, typer.Option(min=0.0, help="largest learning rate")] = 3e-3,
+    start: Annotated[
+        Path | None, typer.Option(help="learned.onnx, beside its card, whose weights to begin with")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     workers: Annotated[
         int, typer.Option(min=1, help="processes that render and prepare; threads that train")
@@ -518,7 +555,15 @@ def main(
     """Train the network of the method `learned`."""
     if unknown := sorted(set(without or ()) - GROUPS.keys()):
         raise UsageError(f"--without: expected some of {', '.join(GROUPS)}, got {', '.join(unknown)}")
-    plan = Plan(without=tuple(without or ()), disturbed=disturbed, epochs=epochs, bfloat16=bfloat16, seed=seed)
+    plan = Plan(
+        without=tuple(without or ()),
+        disturbed=disturbed,
+        epochs=epochs,
+        rate=rate,
+        bfloat16=bfloat16,
+        start="" if start is None else hashlib.sha256(start.read_bytes()).hexdigest(),
+        seed=seed,
+    )
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     make_folder(out)
 
@@ -530,7 +575,7 @@ def main(
     training = prepare(dataset, "training", held, disturbed=disturbed, workers=workers, progress=progress)
     held_out = prepare(dataset, "validation", held, disturbed=disturbed, workers=workers, progress=progress)
     torch.set_num_threads(workers)
-    network, reached, log = train(plan, training, held_out, out)
+    network, reached, log = train(plan, training, held_out, out, start=start)
     scenario = load_card(dataset).scenario
     provenance = {
         "dataset": dataset,

@@ -15,7 +15,7 @@ from bench.commands.options import rendered_card
 from bench.execution import local_executor, usable_cores
 from benchmarks.ranking.agreement import run_ranking
 from benchmarks.ranking.beams import run_beams
-from benchmarks.ranking.beams_report import beams_tables, write_beams_files
+from benchmarks.ranking.beams_report import beams_table, write_beams_files
 from benchmarks.ranking.predictions import parse_predictions
 from benchmarks.ranking.ranking_report import ranking_tables, write_ranking_files
 
@@ -43,13 +43,13 @@ def main() -> None:
     with progress_bar(f"ranking on {card.name}", "recordings") as progress:
         named = {"split": asked.split, "recordings": asked.recordings, "executor": executor, "progress": progress}
         if asked.beams is None:
-            found = run_ranking(card, predictions=predictions, out=out, **named)
+            found = run_ranking(card, predictions=predictions, **named)
             tables, files = ranking_tables(found), write_ranking_files(out, found)
         else:
-            found = run_beams(card, beams=asked.beams, predictions=predictions, out=out, **named)
-            tables, files = beams_tables(found), write_beams_files(out, found)
+            found = run_beams(card, beams=asked.beams, predictions=predictions, **named)
+            tables, files = [beams_table(found)], write_beams_files(out, found)
     print_blocks(tables)
-    print_failures(found.failures, all_in=str(out))
+    print_failures(found.stored.failures, all_in=str(out))
     for file in files:
         say(str(file))
 

@@ -19,24 +19,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
-from bench.atomic import write_text
-from bench.audit.sources import AuditModel, StoredAudit, audit_each
+from bench.audit.sources import StoredAudit, audit_each
 from bench.errors import UsageError
 from bench.evaluation import Definition, load_protocol
 from bench.evaluation.definitions import UNKNOWN
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import TERMS, bin_names
-from bench.execution import SerialExecutor, TaskExecutor
+from bench.execution import TaskExecutor
 from bench.harness.stages import Progress
 from bench.recordings import DatasetCard
 from bench.reporting import formats
@@ -55,170 +54,57 @@ from benchmarks.ranking.sums import (
     SURFACE,
     rank_recording,
 )
-from benchmarks.ranking.wrong_masks import WrongMasks
 
-RANKING = "ranking.json"
 ALL = "all"
 DRAWS, SEED = 1000, 2020
 ROUNDING = 12  # decimals; scores that differ by less are the same
-LEAST_TAU = 0.95
-LARGEST_DIFFERENCE, LARGEST_REAL_DIFFERENCE = 0.03, 0.01  # of IoU, mean over categories
 KINDS = (OUTLINES, OBJECTS)
+Values = NDArray[np.float64]
 
 
-class Estimate(AuditModel):
+class Estimate(NamedTuple):
     """A value; its 95 % interval is None where fewer than six recordings hold cases."""
 
-    value: Ratio
+    value: float
     ci95: tuple[float, float] | None
 
 
-class KindAgreement(AuditModel):
-    """Agreement over the masks with one kind of error.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ranking:
+    """Scores of predictions by all references, and how well these agree with the exact masks.
 
     Attributes:
-        predictions: how many.
-        tau: Kendall's tau-b of these masks and the exact one.
-        signed_difference: mean score by lidar less the score by exact masks; positive where the errors cost too little.
+        stored: of what data it is, and what failed.
+        predictions: in the order asked for.
+        rows: by name of `ROWS`: `recordings` that hold cases, `cases` (object-frames, in the last row image-frames) and
+            `unknown_share`, the mean share of an object-frame's possible pixels that `surface-v1` leaves unknown.
+        scores: by row and reference, a column for each prediction: IoU; share of false positives in their row.
+        agreement: by row and lidar reference, as `agreement` gives it.
+        fits: of `surface-v1`, as `surface_fits` gives them.
     """
 
-    predictions: int
-    tau: Ratio
-    signed_difference: Ratio
+    stored: StoredAudit
+    predictions: tuple[Prediction, ...]
+    rows: pd.DataFrame
+    scores: pd.DataFrame
+    agreement: pd.DataFrame
+    fits: pd.DataFrame
 
+    @property
+    def kinds(self) -> list[str]:
+        """Kinds of errors that wrong masks among the predictions have."""
+        return [kind for kind in KINDS if any(prediction.error == kind for prediction in self.predictions)]
 
-class Agreement(AuditModel):
-    """Agreement of a lidar reference with the exact masks in one row.
+    @property
+    def exact(self) -> str | None:
+        """Name of the exact masks as they are; None where they are not among the predictions."""
+        return next((prediction.name for prediction in self.predictions if prediction.exact), None)
 
-    Attributes:
-        tau: Kendall's tau-b of the two orders of the predictions by IoU, in the row of false positives by their share;
-            NaN where all are equal.
-        difference: mean absolute difference of that, over the predictions that have it against both.
-        difference_real: the same over the real methods.
-        by_kind: by kind of error, of `KINDS`; kinds without a mask are left out.
-        tau_between: tau-b over the pairs of masks with errors of different kinds; NaN without such pairs.
-    """
-
-    tau: Estimate
-    difference: Estimate
-    difference_real: Estimate
-    by_kind: dict[str, KindAgreement]
-    tau_between: Ratio
-
-
-class SurfaceFit(AuditModel):
-    """Correctness of the regions of `surface-v1`, over the object-frames of a slice.
-
-    Attributes:
-        object_class: or "all".
-        range_m: bin, or "all".
-        ego_speed_mps: bin, or "all".
-        object_frames: how many.
-        core_outside: share of the cores' pixels that lie outside the exact masks.
-        left_out: share of the exact masks' pixels that lie in neither core nor band.
-        unknown_share: mean share of an object-frame's possible pixels that is unknown.
-    """
-
-    object_class: str
-    range_m: str
-    ego_speed_mps: str
-    object_frames: int
-    core_outside: Ratio
-    left_out: Ratio
-    unknown_share: Ratio
-
-
-class RankedRow(AuditModel):
-    """One row of the paper's table.
-
-    Attributes:
-        name: of `ROWS`.
-        recordings: that hold cases.
-        cases: object-frames; image-frames in the row of false positives.
-        unknown_share: mean share of an object-frame's possible pixels that `surface-v1` leaves unknown; NaN without
-            object-frames.
-        scores: reference -> prediction -> IoU; share of false positives in their row.
-        agreement: by lidar reference.
-    """
-
-    name: str
-    recordings: int
-    cases: int
-    unknown_share: Ratio
-    scores: dict[str, dict[str, Ratio]]
-    agreement: dict[str, Agreement]
-
-
-class RankingSummary(StoredAudit):
-    """`ranking.json`.
-
-    Attributes:
-        predictions: names, in the order asked for.
-        real: those that are methods, not made of the exact masks.
-        errors: kind of error, of `KINDS`, by name of the wrong mask.
-        ceiling: name of the exact masks as they are; None where they are not among the predictions.
-        rows: by kind of motion, then all, then false positives.
-        fits: of `surface-v1`: over all, by class, by class and range, by ego speed.
-    """
-
-    predictions: tuple[str, ...]
-    real: tuple[str, ...]
-    errors: dict[str, str]
-    ceiling: str | None
-    rows: tuple[RankedRow, ...]
-    fits: tuple[SurfaceFit, ...]
-
-    def mean_difference(self, reference: str, *, real: bool) -> float:
-        """Mean absolute difference of IoU over the kinds of motion that have object-frames; NaN without any."""
-        found = [
-            (row.agreement[reference].difference_real if real else row.agreement[reference].difference).value
-            for row in self.rows
-            if row.name in CATEGORIES and row.cases
-        ]
-        return float(np.mean(found)) if found else float("nan")
-
-    def mean_of_motion(self, reference: str, kind: str) -> KindAgreement | None:
-        """Agreement over the masks with one kind of error, mean of the kinds of motion; None without such masks."""
-        rows = [row.agreement[reference].by_kind for row in self.rows if row.name in CATEGORIES and row.cases]
-        found = [by_kind[kind] for by_kind in rows if kind in by_kind]
-        if not found:
-            return None
-        return KindAgreement(
-            predictions=found[0].predictions,
-            tau=float(np.mean([one.tau for one in found])),
-            signed_difference=float(np.mean([one.signed_difference for one in found])),
-        )
-
-    def wins(self, reference: str) -> tuple[tuple[str, str], ...]:
-        """Rows of object-frames, and masks that are wrong by construction and score more there than the exact ones."""
-        return tuple(
-            (row.name, name)
-            for row in self.rows
-            for name in self.errors
-            if self.ceiling is not None
-            and row.name != FALSE_POSITIVES
-            and row.scores[reference][name] > row.scores[reference][self.ceiling]
-        )
-
-    def misses(self, reference: str) -> tuple[str, ...]:
-        """List the aims that a reference misses, in words.
-
-        The order counts in rows with at least six recordings.
-        """
-        found = [
-            f"tau {row.agreement[reference].tau.value:.2f} in {row.name.replace('_', ' ')}"
-            for row in self.rows
-            if row.recordings >= FEWEST_RECORDINGS and row.agreement[reference].tau.value < LEAST_TAU
-        ]
-        for real, most in ((False, LARGEST_DIFFERENCE), (True, LARGEST_REAL_DIFFERENCE)):
-            difference = self.mean_difference(reference, real=real)
-            if difference > most:
-                who = "real methods" if real else "all predictions"
-                found.append(f"mean difference {100 * difference:.1f} over {who}")
-        return tuple(found)
-
-
-Values = NDArray[np.float64]
+    def of_motion(self, reference: str, column: str) -> float:
+        """A value of `agreement`, mean over the kinds of motion that have object-frames; NaN without any."""
+        held = [name for name in CATEGORIES if self.rows.loc[name, "cases"]]
+        values = [self.agreement.loc[(name, reference), column] for name in held]
+        return float(np.mean([getattr(value, "value", value) for value in values])) if held else float("nan")
 
 
 def read_terms(
@@ -274,21 +160,11 @@ def correlation_between(by_lidar: Values, by_masks: Values, kinds: Sequence[str 
     return float((lidar * masks).sum() / untied) if untied else float("nan")
 
 
-def mean_difference(by_lidar: Values, by_masks: Values) -> Values:
-    """Mean absolute difference over predictions.
-
-    Args:
-        by_lidar: (..., P) float64.
-        by_masks: (..., P) float64.
-
-    Returns:
-        (...,) float64; predictions with NaN are left out, and NaN where none is left.
-    """
+def mean_difference(by_lidar: Values, by_masks: Values) -> float:
+    """Mean absolute difference over predictions, (P,) float64 each, without those of NaN; NaN where none is left."""
     differences = np.abs(by_lidar - by_masks)
-    known = np.isfinite(differences)
-    found = np.full(differences.shape[:-1], np.nan)
-    np.divide(np.where(known, differences, 0.0).sum(axis=-1), known.sum(axis=-1), out=found, where=known.any(axis=-1))
-    return found
+    known = differences[np.isfinite(differences)]
+    return float(known.sum() / len(known)) if len(known) else float("nan")
 
 
 def draw_recordings(sums: Values) -> Values | None:
@@ -307,139 +183,135 @@ def draw_recordings(sums: Values) -> Values | None:
     return np.tensordot(times.astype(np.float64), sums, axes=1)
 
 
-def agreement(terms: Values, *, reference: int, predictions: Sequence[Prediction]) -> Agreement:
-    """Agreement of a reference with the last one.
+def agreement(terms: Values, *, reference: int, predictions: Sequence[Prediction]) -> dict[str, Any]:
+    """Agreement of a reference with the last one, the exact masks.
 
     Args:
         terms: of `read_terms`, of the metric by which the predictions are ranked.
         reference: index of the one to be compared.
         predictions: in the order of the terms.
+
+    Returns:
+        `tau`: Kendall's tau-b of the two orders of the predictions; NaN where all are equal.
+        `difference`, `difference_real`: mean absolute difference of the scores, over all and over the real methods.
+        For each kind of error, of `KINDS`, `tau_<kind>`, of these masks and the exact one, and `points_<kind>`: mean
+        score by lidar less the score by exact masks, positive where the errors cost too little.
+        `tau_between`: over the pairs of masks with errors of different kinds; NaN without such pairs.
+        The first three are of type `Estimate`.
     """
-    drawn, whole = draw_recordings(terms), terms.sum(axis=0)
+    scores, sums = metric_values(terms.sum(axis=0)), draw_recordings(terms)
+    draws = () if sums is None else metric_values(sums)
 
-    def estimate(statistic: Callable[[Values, Values], Values | float], who: NDArray[np.bool_]) -> Estimate:
-        def compared(of: Values) -> Values:
-            values = metric_values(of)[..., who]
-            return np.asarray(statistic(values[..., reference, :], values[..., -1, :]))
-
-        interval = _interval(None if drawn is None else compared(drawn))
-        return Estimate(value=float(compared(whole)), ci95=interval)
+    def estimate(statistic: Callable[[Values, Values], float], who: NDArray[np.bool_]) -> Estimate:
+        drawn = np.array([statistic(values[reference, who], values[-1, who]) for values in draws])
+        known = drawn[np.isfinite(drawn)]
+        ci95 = tuple(np.quantile(known, [0.025, 0.975]).tolist()) if len(known) else None
+        return Estimate(statistic(scores[reference, who], scores[-1, who]), ci95)
 
     real = np.array([prediction.real for prediction in predictions])
-    every = np.ones_like(real)
-    scores = metric_values(whole)
     kinds = [prediction.error for prediction in predictions]
-    exact = _number(predictions, WrongMasks())
-    return Agreement(
-        tau=estimate(_rank_correlations, every),
-        difference=estimate(mean_difference, every),
-        difference_real=estimate(mean_difference, real),
-        by_kind={
-            kind: _kind_agreement(scores[reference], scores[-1], of_kind, exact=exact)
-            for kind in KINDS
-            if (of_kind := [k for k, error in enumerate(kinds) if error == kind])
-        },
-        tau_between=correlation_between(scores[reference], scores[-1], kinds),
-    )
+    agreed = {
+        "tau": estimate(rank_correlation, np.ones_like(real)),
+        "difference": estimate(mean_difference, np.ones_like(real)),
+        "difference_real": estimate(mean_difference, real),
+        "tau_between": correlation_between(scores[reference], scores[-1], kinds),
+    }
+    for kind in KINDS:
+        of_kind = np.array([error == kind for error in kinds])
+        ranked = of_kind | [prediction.exact for prediction in predictions]
+        by_lidar, by_masks = scores[reference], scores[-1]
+        several = of_kind.any() and ranked.sum() > 1
+        agreed[f"tau_{kind}"] = rank_correlation(by_lidar[ranked], by_masks[ranked]) if several else float("nan")
+        agreed[f"points_{kind}"] = float((by_lidar - by_masks)[of_kind].mean()) if of_kind.any() else float("nan")
+    return agreed
 
 
-def _kind_agreement(by_lidar: Values, by_masks: Values, of_kind: list[int], *, exact: int | None) -> KindAgreement:
-    ranked = of_kind if exact is None else [exact, *of_kind]
-    return KindAgreement(
-        predictions=len(of_kind),
-        tau=rank_correlation(by_lidar[ranked], by_masks[ranked]) if len(ranked) > 1 else float("nan"),
-        signed_difference=float(np.mean(by_lidar[of_kind] - by_masks[of_kind])),
-    )
-
-
-def _rank_correlations(by_lidar: Values, by_masks: Values) -> Values:
-    """`rank_correlation` of every draw, (..., P) each."""
-    pairs = zip(by_lidar.reshape(-1, by_lidar.shape[-1]), by_masks.reshape(-1, by_masks.shape[-1]), strict=True)
-    return np.array([rank_correlation(first, second) for first, second in pairs]).reshape(by_lidar.shape[:-1])
-
-
-def _interval(drawn: Values | None) -> tuple[float, float] | None:
-    known = np.empty(0) if drawn is None else drawn[np.isfinite(drawn)]
-    if not len(known):
-        return None
-    low, high = np.quantile(known, [0.025, 0.975]).tolist()
-    return low, high
-
-
-def rank_row(name: str, scores: pd.DataFrame, predictions: Sequence[Prediction]) -> RankedRow:
-    """Compare the references in one row.
+def surface_fits(fits: pd.DataFrame) -> pd.DataFrame:
+    """Correctness of the regions of `surface-v1`: over all, by class, by class and range, by ego speed.
 
     Args:
-        name: of `ROWS`.
-        scores: sums of all rows, as in `RankingSums`.
-        predictions: in the order of the result.
+        fits: of recordings.
+
+    Returns:
+        `FIT_SLICES`, bins or "all", and what `fit_shares` gives; slices without object-frames are left out.
     """
-    own = scores[scores["slice"] == name]
-    names = [prediction.name for prediction in predictions]
-    terms = read_terms(own, FALSE_SHARE if name == FALSE_POSITIVES else IOU, predictions)
-    values = metric_values(terms.sum(axis=0))
-    unknown = read_terms(own, UNKNOWN, predictions)[:, REFERENCES.index(SURFACE), 0].sum(axis=0)
-    return RankedRow(
-        name=name,
-        recordings=len(terms),
-        cases=int(terms[:, 0, 0, 1].sum()),
-        unknown_share=float(metric_values(unknown)),
-        scores={
-            reference: dict(zip(names, by_prediction.tolist(), strict=True))
-            for reference, by_prediction in zip(REFERENCES, values, strict=True)
-        },
-        agreement={
-            reference: agreement(terms, reference=number, predictions=predictions)
-            for number, reference in enumerate(REFERENCES[:-1])
-        },
-    )
-
-
-def surface_fits(fits: pd.DataFrame) -> tuple[SurfaceFit, ...]:
-    """Sum the fits of recordings by slice; slices without object-frames are left out."""
     classes = load_protocol(SURFACE).reference.classes
     ranges, speeds = bin_names(BINS.range_m), bin_names(BINS.ego_speed_mps)
     slices = [(ALL, ALL, ALL)]
     slices += [(name, away, ALL) for name in classes for away in (ALL, *ranges)]
     slices += [(ALL, ALL, speed) for speed in speeds]
-    found = []
+    rows = []
     for wanted in slices:
         chosen = {column: name for column, name in zip(FIT_SLICES, wanted, strict=True) if name != ALL}
         part = fits[(fits[[*chosen]] == pd.Series(chosen, dtype=object)).all(axis=1)][FITS].sum()
-        if part["object_frames"]:
-            found.append(
-                SurfaceFit(
-                    **dict(zip(FIT_SLICES, wanted, strict=True)),
-                    object_frames=int(part["object_frames"]),
-                    core_outside=part["core_outside_px"] / part["core_px"],
-                    left_out=part["left_out_px"] / part["mask_px"],
-                    unknown_share=part["unknown_share"] / part["object_frames"],
-                )
-            )
-    return tuple(found)
+        rows.append(dict(zip(FIT_SLICES, wanted, strict=True)) | fit_shares(part))
+    table = pd.DataFrame(rows)
+    return table[table["object_frames"] > 0]
 
 
-def _number(predictions: Sequence[Prediction], method: WrongMasks) -> int | None:
-    oracles = ((k, p.method) for k, p in enumerate(predictions) if isinstance(p.method, WrongMasks))
-    return next((number for number, oracle in oracles if oracle == method), None)
+def fit_shares(sums: pd.Series[float]) -> dict[str, float]:
+    """Shares from sums of `FITS`, NaN for 0/0.
+
+    Returns:
+        `object_frames`: how many.
+        `in_core`: share of the exact masks' pixels that lie in the cores; `left_out`: in neither core nor band.
+        `core_outside`: share of the cores' pixels that lie outside the exact masks.
+        `unknown_share`: mean share of an object-frame's possible pixels that is unknown.
+    """
+    shares = {
+        "in_core": (sums["core_px"] - sums["core_outside_px"], sums["mask_px"]),
+        "left_out": (sums["left_out_px"], sums["mask_px"]),
+        "core_outside": (sums["core_outside_px"], sums["core_px"]),
+        "unknown_share": (sums["unknown_share"], sums["object_frames"]),
+    }
+    of = {name: float(metric_values(np.array(terms))) for name, terms in shares.items()}
+    return {"object_frames": int(sums["object_frames"])} | of
+
+
+def ranking_of(
+    sums: pd.DataFrame, fits: pd.DataFrame, predictions: Sequence[Prediction], *, stored: StoredAudit
+) -> Ranking:
+    """Rank the predictions from `RankingSums` of all recordings."""
+    rows, scores, agreements = {}, {}, {}
+    for name in ROWS:
+        own = sums[sums["slice"] == name]
+        terms = read_terms(own, FALSE_SHARE if name == FALSE_POSITIVES else IOU, predictions)
+        unknown = read_terms(own, UNKNOWN, predictions)[:, REFERENCES.index(SURFACE), 0].sum(axis=0)
+        rows[name] = {
+            "recordings": len(terms),
+            "cases": int(terms[:, 0, 0, 1].sum()),
+            "unknown_share": float(metric_values(unknown)),
+        }
+        for number, reference in enumerate(REFERENCES):
+            scores[name, reference] = metric_values(terms.sum(axis=0))[number]
+        for number, reference in enumerate(REFERENCES[:-1]):
+            agreements[name, reference] = agreement(terms, reference=number, predictions=predictions)
+    scored, agreed = (pd.MultiIndex.from_tuples(of, names=["row", "reference"]) for of in (scores, agreements))
+    names = [prediction.name for prediction in predictions]
+    return Ranking(
+        stored=stored,
+        predictions=tuple(predictions),
+        rows=pd.DataFrame([*rows.values()], index=[*rows]),
+        scores=pd.DataFrame([*scores.values()], index=scored, columns=names),
+        agreement=pd.DataFrame([*agreements.values()], index=agreed),
+        fits=surface_fits(fits),
+    )
 
 
 def run_ranking(
     card: DatasetCard,
     *,
     predictions: Sequence[Prediction],
-    out: Path,
-    split: str | None = None,
-    recordings: int | None = None,
-    executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
-    progress: Progress | None = None,
-) -> RankingSummary:
-    """Score predictions against all references and store how well these agree with the exact masks.
+    split: str | None,
+    recordings: int | None,
+    executor: TaskExecutor,
+    progress: Progress | None,
+) -> Ranking:
+    """Score predictions against all references, and compare these with the exact masks.
 
     Args:
         card: the data set, rendered.
         predictions: at least two, of different names.
-        out: folder of `ranking.json`.
         split: of the data set; None for all of it.
         recordings: how many of them; None for all.
         executor: scores the recordings; the result does not depend on it.
@@ -452,27 +324,12 @@ def run_ranking(
     names = [prediction.name for prediction in predictions]
     if len(names) < 2 or len(set(names)) < len(names):
         raise UsageError(f"--methods: expected at least two different methods to rank, got {', '.join(names)}")
+    work = partial(rank_recording, predictions=tuple(predictions))
     ranked, stored = audit_each(
-        partial(rank_recording, predictions=tuple(predictions)),
-        card=card,
-        split=split,
-        recordings=recordings,
-        executor=executor,
-        progress=progress,
+        work, card=card, split=split, recordings=recordings, executor=executor, progress=progress
     )
-    scores = pd.concat([found.scores for found in ranked], ignore_index=True)
-    exact = _number(predictions, WrongMasks())
-    summary = RankingSummary(
-        **dict(stored),
-        predictions=tuple(names),
-        real=tuple(prediction.name for prediction in predictions if prediction.real),
-        errors={prediction.name: prediction.error for prediction in predictions if prediction.error is not None},
-        ceiling=None if exact is None else names[exact],
-        rows=tuple(rank_row(name, scores, predictions) for name in ROWS),
-        fits=surface_fits(pd.concat([found.fits for found in ranked], ignore_index=True)),
-    )
-    write_text(out / RANKING, summary.model_dump_json(indent=1) + "\n")
-    return summary
+    sums, fits = (pd.concat([getattr(of, name) for of in ranked], ignore_index=True) for name in ("scores", "fits"))
+    return ranking_of(sums, fits, predictions, stored=stored)
 
 
 def tau_text(found: Estimate) -> str:

@@ -7,8 +7,8 @@ the reference finds the angles between rows in the sweeps themselves, as it does
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,78 +16,44 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.atomic import write_text
 from bench.audit import ALL
-from bench.audit.sources import AuditModel, OpenedSource, StoredAudit, audit_each, same_objects
+from bench.audit.sources import OpenedSource, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
-from bench.evaluation.summary import Ratio
 from bench.evaluation.sums import ALL_MOVING
-from bench.execution import SerialExecutor, TaskExecutor
+from bench.execution import TaskExecutor
 from bench.harness.stages import Progress
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording
 from bench.records.recording import PointIndices
 from bench.reference import ReferenceFrame, Status
-from benchmarks.ranking.agreement import Estimate, agreement, metric_values, read_terms
+from benchmarks.ranking.agreement import agreement, fit_shares, metric_values, read_terms
 from benchmarks.ranking.predictions import Prediction
 from benchmarks.ranking.sums import EXACT, FITS, IOU, SURFACE, RankingRows, RankingSums, predicted_images
 from benchmarks.ranking.wrong_masks import WrongMasks
 
-BEAMS = "beams.json"
 REFERENCES = (SURFACE, EXACT)
 TRUTH = Prediction(name="truth", method=WrongMasks())  # its score is the ceiling
 
 
-class BeamsRow(AuditModel):
-    """The reference by so many beams, over the object-frames of a class that it evaluates.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beams:
+    """The reference by fewer and fewer beams.
 
     Attributes:
-        object_class: or "all".
-        beams: how many; of the first row of a class the sensor's own.
-        recordings: that hold object-frames.
-        object_frames: that are evaluated by the whole sensor and by these beams.
-        lost: that are evaluated by the whole sensor alone.
-        in_core: share of the exact masks' pixels that lie in the cores.
-        left_out: share of the exact masks' pixels that lie in neither core nor band.
-        core_outside: share of the cores' pixels that lie outside the exact masks.
-        unknown_share: mean share of an object-frame's possible pixels that is unknown.
-        ceiling: mean IoU of the exact masks.
-        tau: Kendall's tau-b of the two orders of the predictions by IoU, by this reference and by the exact masks; None
-            where no methods were ranked.
-    """
-
-    object_class: str
-    beams: int
-    recordings: int
-    object_frames: int
-    lost: int
-    in_core: Ratio
-    left_out: Ratio
-    core_outside: Ratio
-    unknown_share: Ratio
-    ceiling: Ratio
-    tau: Estimate | None
-
-    @property
-    def lost_share(self) -> float:
-        """Share of the object-frames that are lost; NaN without any."""
-        whole = self.object_frames + self.lost
-        return self.lost / whole if whole else float("nan")
-
-
-class BeamsSummary(StoredAudit):
-    """`beams.json`.
-
-    Attributes:
+        stored: of what data it is, and what failed.
         asked: numbers of beams, as asked for.
         predictions: names of what was ranked, the exact masks first; these alone where no methods were.
-        rows: of all object-frames, then by class; each from the sensor's own beams down.
+        rows: of all object-frames, then by class, each from the sensor's own beams down; columns `object_class`, or
+            "all", `beams`, `recordings` that hold object-frames, what `fit_shares` gives over the object-frames that
+            the whole sensor and these beams evaluate, `lost`, those that the whole sensor alone evaluates, `ceiling`,
+            the mean IoU of the exact masks, and `tau` as of `agreement`, None where no methods were ranked.
     """
 
+    stored: StoredAudit
     asked: tuple[int, ...]
     predictions: tuple[str, ...]
-    rows: tuple[BeamsRow, ...]
+    rows: pd.DataFrame
 
 
 def count_beams(recording: Recording) -> int:
@@ -136,7 +102,11 @@ def with_beams(recording: Recording, beams: int, *, of: int) -> Recording:
 def _read_rings(
     path: Path, timestamp_ns: int, *, rings: NDArray[np.intp], reader: Callable[[Path, int], LidarSweep]
 ) -> LidarSweep:
-    sweep = reader(path, timestamp_ns)
+    return of_rings(reader(path, timestamp_ns), rings=rings)
+
+
+def of_rings(sweep: LidarSweep, *, rings: NDArray[np.intp]) -> LidarSweep:
+    """The returns of some rings of a sweep that names them."""
     assert sweep.ring is not None, "others are refused by `count_beams`"
     kept = np.isin(sweep.ring, rings)
     fields = {name: getattr(sweep, name) for name in ("points_lidar", "time_offset_ns", "intensity", "ring")}
@@ -157,9 +127,7 @@ def thin_recording(opened: OpenedSource, *, beams: Sequence[int], predictions: S
     names, large_px = [prediction.name for prediction in predictions], protocol.scoring.false_positive_component_px
     rows = {count: RankingRows(names, REFERENCES, component_size_px=large_px) for count in counts}
     lost: dict[int, list[str]] = {count: [] for count in counts}
-    others = [
-        (with_beams(opened.recording, count, of=own), protocol.reference_settings()) for count in counts if count != own
-    ]
+    others = [(with_beams(opened.recording, count, of=own), protocol.reference) for count in counts if count != own]
     for image in predicted_images(opened, predictions, protocol, others=others):
         whole = image.references[0]
         pairs = [same_objects([whole, one], image.ids, opened.instance_of)[1:] for one in image.references]
@@ -185,63 +153,50 @@ def _fits(rows: RankingRows, lost: Sequence[str]) -> pd.DataFrame:
     return fits.join(missing.rename("lost"), how="outer").fillna(0.0).rename_axis("object_class").reset_index()
 
 
-def beams_rows(sums: Sequence[RankingSums], predictions: Sequence[Prediction]) -> Iterator[BeamsRow]:
-    """Rows of all object-frames, then of each class that has some; each from the sensor's own beams down.
+def beams_rows(sums: Sequence[RankingSums], predictions: Sequence[Prediction]) -> pd.DataFrame:
+    """Return `Beams.rows`.
 
     Args:
         sums: of all recordings.
         predictions: the exact masks first.
     """
     scores, fits = (pd.concat([getattr(of, name) for of in sums]) for name in ("scores", "fits"))
+    rows = []
     for name in (ALL, *load_protocol(SURFACE).reference.classes):
         of_class = fits if name == ALL else fits[fits["object_class"] == name]
         scored = scores[scores["slice"] == (ALL_MOVING if name == ALL else name)]
         for beams in sorted(of_class["beams"].unique(), reverse=True):
-            sums_of = of_class.loc[of_class["beams"] == beams, [*FITS, "lost"]].sum()
-            yield _row(name, int(beams), sums_of, scored[scored["beams"] == beams], predictions)
-
-
-def _row(
-    name: str, beams: int, fit: pd.Series[float], scores: pd.DataFrame, predictions: Sequence[Prediction]
-) -> BeamsRow:
-    terms = read_terms(scores, IOU, predictions, REFERENCES)
-    shares = {
-        "in_core": (fit["core_px"] - fit["core_outside_px"], fit["mask_px"]),
-        "left_out": (fit["left_out_px"], fit["mask_px"]),
-        "core_outside": (fit["core_outside_px"], fit["core_px"]),
-        "unknown_share": (fit["unknown_share"], fit["object_frames"]),
-        "ceiling": terms[:, 0, 0].sum(axis=0),
-    }
-    ranked = len(predictions) > 1
-    return BeamsRow(
-        object_class=name,
-        beams=beams,
-        recordings=len(terms),
-        object_frames=int(fit["object_frames"]),
-        lost=int(fit["lost"]),
-        **{share: float(metric_values(np.array(of))) for share, of in shares.items()},
-        tau=agreement(terms, reference=0, predictions=predictions).tau if ranked else None,
-    )
+            fit = of_class.loc[of_class["beams"] == beams, [*FITS, "lost"]].sum()
+            terms = read_terms(scored[scored["beams"] == beams], IOU, predictions, REFERENCES)
+            ranked = len(predictions) > 1
+            of = {
+                "object_class": name,
+                "beams": int(beams),
+                "recordings": len(terms),
+                "lost": int(fit["lost"]),
+                "ceiling": float(metric_values(terms[:, 0, 0].sum(axis=0))),
+                "tau": agreement(terms, reference=0, predictions=predictions)["tau"] if ranked else None,
+            }
+            rows.append(of | fit_shares(fit))
+    return pd.DataFrame(rows)
 
 
 def run_beams(
     card: DatasetCard,
     *,
     beams: Sequence[int],
-    predictions: Sequence[Prediction] = (),
-    out: Path,
-    split: str | None = None,
-    recordings: int | None = None,
-    executor: TaskExecutor = SerialExecutor(),  # noqa: B008 - it holds nothing
-    progress: Progress | None = None,
-) -> BeamsSummary:
-    """Compare the references of fewer and fewer beams with the exact masks and store what comes out.
+    predictions: Sequence[Prediction],
+    split: str | None,
+    recordings: int | None,
+    executor: TaskExecutor,
+    progress: Progress | None,
+) -> Beams:
+    """Compare the references of fewer and fewer beams with the exact masks.
 
     Args:
         card: the data set, rendered.
         beams: how many; the sensor's own are always among them.
         predictions: to be ranked beside the exact masks; none for no ranking.
-        out: folder of `beams.json`.
         split: of the data set; None for all of it.
         recordings: how many of them; None for all.
         executor: reads the recordings; the result does not depend on it.
@@ -251,23 +206,12 @@ def run_beams(
         UsageError: two predictions of one name.
         DataError: no recording could be used, above all where none has rendered masks or the lidar has fewer beams.
     """
-    ranked = (
-        TRUTH,
-        *(one for one in predictions if not (isinstance(one.method, WrongMasks) and one.method == TRUTH.method)),
-    )
+    ranked = (TRUTH, *(one for one in predictions if not one.exact))
     names = [prediction.name for prediction in ranked]
     if len(set(names)) < len(names):
         raise UsageError(f"--methods: expected different methods to rank, got {', '.join(names)}")
+    work = partial(thin_recording, beams=tuple(beams), predictions=ranked)
     found, stored = audit_each(
-        partial(thin_recording, beams=tuple(beams), predictions=ranked),
-        card=card,
-        split=split,
-        recordings=recordings,
-        executor=executor,
-        progress=progress,
+        work, card=card, split=split, recordings=recordings, executor=executor, progress=progress
     )
-    summary = BeamsSummary(
-        **dict(stored), asked=tuple(beams), predictions=tuple(names), rows=tuple(beams_rows(found, ranked))
-    )
-    write_text(out / BEAMS, summary.model_dump_json(indent=1) + "\n")
-    return summary
+    return Beams(stored=stored, asked=tuple(beams), predictions=tuple(names), rows=beams_rows(found, ranked))

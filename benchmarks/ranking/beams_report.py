@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
@@ -17,7 +15,7 @@ from bench.reporting import figures, formats
 from bench.reporting.audit import sections
 from bench.reporting.document import Code, Column, Heading, Heads, Paragraph, Picture, Table, to_markdown
 from benchmarks.ranking.agreement import command, tau_text
-from benchmarks.ranking.beams import BEAMS, BeamsRow, BeamsSummary
+from benchmarks.ranking.beams import Beams
 
 CLASSES = {  # colour and marker
     ALL: (figures.BLACK, "o"),
@@ -25,12 +23,12 @@ CLASSES = {  # colour and marker
     "cyclist": (figures.GREEN, "s"),
     "vehicle": (figures.BLUE, "D"),
 }
-SHARES: dict[str, Callable[[BeamsRow], float]] = {
-    "Object-frames lost (%)": lambda row: row.lost_share,
-    "Masks in the cores (%)": lambda row: row.in_core,
-    "Cores outside the masks (%)": lambda row: row.core_outside,
-    "Unknown share (%)": lambda row: row.unknown_share,
-    "Ceiling, IoU (%)": lambda row: row.ceiling,
+SHARES = {  # title of a panel -> column
+    "Object-frames lost (%)": "lost_share",
+    "Masks in the cores (%)": "in_core",
+    "Cores outside the masks (%)": "core_outside",
+    "Unknown share (%)": "unknown_share",
+    "Ceiling, IoU (%)": "ceiling",
 }
 TAU = "Kendall's tau"
 
@@ -54,14 +52,13 @@ COLUMNS: dict[str, Heads] = {
 }
 
 
-def beams_table(found: BeamsSummary) -> Table:
+def beams_table(found: Beams) -> Table:
     """One line per class and number of beams."""
     ranked = len(found.predictions) > 1
-    rows = pd.DataFrame([dict(row) for row in found.rows])
     return Table(
         title="The reference surface-v1 by fewer beams, in percent",
         columns=COLUMNS | {"tau": Column("Tau", tau_text)} if ranked else COLUMNS,
-        rows=rows,
+        rows=found.rows,
         note="The first line of a class is the whole sensor. Frames: object-frames that it and these beams evaluate; "
         "lost: that it evaluates alone; the other columns do not count what is lost. In core, left out: share of the "
         "exact masks' pixels in the cores, and in neither core nor band. Core outside: share of the cores' pixels "
@@ -77,24 +74,19 @@ TAU_NOTE = (
 )
 
 
-def beams_tables(found: BeamsSummary) -> tuple[Table, ...]:
-    """The tables that are printed."""
-    return (beams_table(found),)
-
-
-def report(found: BeamsSummary) -> str:
+def report(found: Beams) -> str:
     """The table with its note, below the picture, in Markdown."""
     methods = f" --methods {','.join(found.predictions)}" if len(found.predictions) > 1 else ""
     return to_markdown(
         [
-            Heading(f"How many beams does a reference of {found.dataset} need?", 1),
+            Heading(f"How many beams does a reference of {found.stored.dataset} need?", 1),
             Paragraph(
-                f"Rings of the lidar are left out, evenly spaced, in {found.images} images of {found.recordings} "
-                "recordings; everything else is as recorded. Made by:"
+                f"Rings of the lidar are left out, evenly spaced, in {found.stored.images} images of "
+                f"{found.stored.recordings} recordings; everything else is as recorded. Made by:"
             ),
-            Code(f"{command(found)} --beams {','.join(map(str, found.asked))}{methods}"),
+            Code(f"{command(found.stored)} --beams {','.join(map(str, found.asked))}{methods}"),
             Picture("beams.png", "What the reference tells and loses, over the number of beams"),
-            *sections(beams_tables(found)),
+            *sections([beams_table(found)]),
         ],
     )
 
@@ -104,12 +96,12 @@ _LOW = 30.0  # percent: panels whose values are all below end there
 
 
 @figures.styled
-def draw_beams(found: BeamsSummary) -> Figure:
+def draw_beams(found: Beams) -> Figure:
     """Draw what is lost, told and unknown, the ceiling, and tau where methods were ranked, over the beams."""
     titles = [*SHARES, TAU] if len(found.predictions) > 1 else [*SHARES]
     lines = -(-len(titles) // _COLUMNS)
     figure = figures.new_figure(_COLUMNS * _PANEL_IN, lines * _PANEL_IN + 0.6, layout="constrained")
-    figure.suptitle(f"{found.dataset}: the reference surface-v1 by fewer beams", x=0.01, ha="left", fontsize=8)
+    figure.suptitle(f"{found.stored.dataset}: the reference surface-v1 by fewer beams", x=0.01, ha="left", fontsize=8)
     panels = figure.subplots(lines, _COLUMNS).flat
     for axes, title in zip(panels, titles, strict=False):
         _draw_panel(axes, title, found)
@@ -120,17 +112,18 @@ def draw_beams(found: BeamsSummary) -> Figure:
     return figure
 
 
-def _draw_panel(axes: Axes, title: str, found: BeamsSummary) -> None:
+def _draw_panel(axes: Axes, title: str, found: Beams) -> None:
     low, top = 0.0, 1.0 if title == TAU else _LOW
+    shares = found.rows.assign(lost_share=found.rows["lost"] / (found.rows["object_frames"] + found.rows["lost"]))
+    values = shares["tau"].map(lambda tau: tau.value) if title == TAU else 100 * shares[SHARES[title]]
     for name, (colour, marker) in CLASSES.items():
-        rows = [row for row in found.rows if row.object_class == name]
-        values = [_value(row, title) for row in rows]
-        low = -1.0 if any(value < 0 for value in values) else low
-        top = 100.0 if any(value > _LOW for value in values) else top
-        if rows:
-            axes.plot([row.beams for row in rows], values, color=colour, marker=marker, markersize=3.5, linewidth=1.0,
+        own = shares["object_class"] == name
+        low = -1.0 if (values[own] < 0).any() else low
+        top = 100.0 if (values[own] > _LOW).any() else top
+        if own.any():
+            axes.plot(shares["beams"][own], values[own], color=colour, marker=marker, markersize=3.5, linewidth=1.0,
                       label=row_label(name))  # fmt: skip
-    beams = sorted({row.beams for row in found.rows})
+    beams = sorted(shares["beams"].unique())
     axes.set_xscale("log")
     axes.set_xticks(beams, [str(count) for count in beams])
     axes.xaxis.set_minor_locator(NullLocator())
@@ -139,13 +132,7 @@ def _draw_panel(axes: Axes, title: str, found: BeamsSummary) -> None:
     axes.grid(color=figures.LIGHT_GREY, linewidth=0.4)
 
 
-def _value(row: BeamsRow, title: str) -> float:
-    if title != TAU:
-        return 100 * SHARES[title](row)
-    return float("nan") if row.tau is None else row.tau.value
-
-
-def write_beams_files(folder: Path, found: BeamsSummary) -> tuple[Path, ...]:
-    """Write `beams.md`, `beams.png` and `beams.svg` beside `beams.json`; all of their paths."""
+def write_beams_files(folder: Path, found: Beams) -> tuple[Path, ...]:
+    """Write `beams.md`, `beams.png` and `beams.svg`; their paths."""
     write_text(folder / "beams.md", report(found))
-    return (folder / BEAMS, folder / "beams.md", *figures.write_picture(folder / "beams", draw_beams(found)))
+    return (folder / "beams.md", *figures.write_picture(folder / "beams", draw_beams(found)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,48 +18,17 @@ from bench.reference import ReferenceBuilder, ReferenceFrame
 from benchmarks.ranking.wrong_masks import WrongMasks
 
 # What `--methods all` stands for: real methods, good and bad, then exact masks that are wrong in known ways.
-ALL_PREDICTIONS = (
-    "spherical",
-    "spherical:flow=dis",
-    "spherical:first_guess=true",
-    "rigid-scene",
-    "epipolar-only",
-    "positive-depth-only",
-    "positive-height-only",
-    "anti-parallel-only",
-    "spherical-sparse",
-    "spherical-visual-odometry",
-    "frame-difference",
-    "background-subtraction",
-    "flow-magnitude",
-    "everything",
-    "nothing",
-    "truth",
-    "truth:cell_size_px=5",
-    "truth:grow_px=-3",
-    "truth:grow_px=4",
-    "truth:grow_px=10",
-    "truth:shape=hull",
-    "truth:shape=box",
-    "truth:shape=box:grow_px=4",
-    "truth:shift_px=2",
-    "truth:shift_px=5",
-    "truth:lag_images=1",
-    "truth:lag_images=2",
-    "truth:lag_images=4",
-    "truth:shape=upper_half",
-    "truth:shape=feet",
-    "truth:drop_share=0.1",
-    "truth:drop_share=0.25",
-    "truth:drop_share=0.5",
-    "truth:ghost_widths=0.5",
-    "truth:ghost_widths=1",
-    "truth:ghost_widths=3",
-    "truth:merge_px=20",
-    "truth:merge_px=80",
-    "truth:shadow=0.3",
-    "truth:shadow=0.8",
+REAL = (
+    "spherical spherical:flow=dis spherical:first_guess=true rigid-scene epipolar-only positive-depth-only "
+    "positive-height-only anti-parallel-only spherical-sparse spherical-visual-odometry frame-difference "
+    "background-subtraction flow-magnitude everything nothing"
 )
+WRONG = (
+    "cell_size_px=5 grow_px=-3 grow_px=4 grow_px=10 shape=hull shape=box shape=box:grow_px=4 shift_px=2 shift_px=5 "
+    "lag_images=1 lag_images=2 lag_images=4 shape=upper_half shape=feet drop_share=0.1 drop_share=0.25 drop_share=0.5 "
+    "ghost_widths=0.5 ghost_widths=1 ghost_widths=3 merge_px=20 merge_px=80 shadow=0.3 shadow=0.8"
+)
+ALL_PREDICTIONS = (*REAL.split(), "truth", *(f"truth:{how}" for how in WRONG.split()))
 OUTLINES, OBJECTS = "outlines", "objects"  # kinds of errors of wrong masks
 
 
@@ -81,9 +50,14 @@ class Prediction:
         return not isinstance(self.method, WrongMasks)
 
     @property
+    def exact(self) -> bool:
+        """True for the exact masks as they are."""
+        return isinstance(self.method, WrongMasks) and self.method == WrongMasks()
+
+    @property
     def error(self) -> str | None:
         """Kind of the error of a mask that is made of the exact ones: `OUTLINES` or `OBJECTS`; None for all others."""
-        if not isinstance(self.method, WrongMasks) or self.method == WrongMasks():
+        if not isinstance(self.method, WrongMasks) or self.exact:
             return None
         return OBJECTS if self.method.changes_objects else OUTLINES
 
@@ -181,35 +155,16 @@ def parse_predictions(text: str) -> tuple[Prediction, ...]:
         text: the list, or "all".
 
     Raises:
-        UsageError: a method or a setting that does not exist, or words behind a setting that are none.
+        UsageError: a method or a setting that does not exist.
     """
-    return tuple(
-        Prediction(name=written, method=_built(method, parse_settings(settings)))
-        for written, method, settings in _split(",".join(ALL_PREDICTIONS) if text == "all" else text)
-    )
+    written = ALL_PREDICTIONS if text == "all" else [part.strip() for part in text.split(",")]
+    return tuple(Prediction(name=name, method=_built(name)) for name in written)
 
 
-def _split(text: str) -> list[tuple[str, str, list[str]]]:
-    """Split methods with commas in between and settings behind colons: `nothing,spherical:flow=dis:cell_size_px=4`.
-
-    Returns:
-        Each as it is written, the method's name, and its settings, "name=value".
-
-    Raises:
-        UsageError: words behind a setting that are none.
-    """
-    methods = []
-    for written in (part.strip() for part in text.split(",")):
-        words = written.split(":")
-        settings = [word for word in words if "=" in word]
-        method = words[: len(words) - len(settings)]  # "module:Class" has a colon of its own
-        if any("=" in word for word in method):
-            raise UsageError(f"--methods: expected METHOD:NAME=VALUE:NAME=VALUE, got {written!r}")
-        methods.append((written, ":".join(method), settings))
-    return methods
-
-
-def _built(name: str, settings: Mapping[str, object]) -> Scorable:
+def _built(written: str) -> Scorable:
+    words = written.split(":")
+    settings = parse_settings([word for word in words if "=" in word])
+    name = ":".join(word for word in words if "=" not in word)  # "module:Class" has a colon of its own
     if name != "truth":
         return build_method(name, settings)
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -47,8 +47,12 @@ def lidar_references() -> dict[str, ReferenceSettings]:
     The convex hulls of `paper-v1`, concave hulls by the same rules, the surface patches from which `surface-v1` makes
     its regions, all of whose pixels count, and these regions.
     """
-    paper, surface = (load_protocol(name).reference_settings() for name in (PAPER, SURFACE))
-    settings = (paper, replace(paper, polygon_kind="concave"), replace(surface, outline=None), surface)
+    paper, surface = (load_protocol(name).reference for name in (PAPER, SURFACE))
+    concave, certain = (
+        paper.model_copy(update={"polygon_kind": "concave"}),
+        surface.model_copy(update={"unknown_band": None}),
+    )
+    settings = (paper, concave, certain, surface)
     return dict(zip(REFERENCES[:-1], settings, strict=True))
 
 

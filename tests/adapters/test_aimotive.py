@@ -1,18 +1,19 @@
 """The aiMotive adapter: a made-up sequence by hand, and the real sample."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.adapters.aimotive import aimotive_recordings
 from bench.cameras import RollingShutter, UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import deskew, interpolation_timestamps
 from bench.recordings import load_card, open_dataset, read_image
 from bench.reference.grid import find_grid
+from tests.support import data_sets
 from tests.support import tiny_aimotive as tiny
 from tests.support.cards import write_card
 from tests.support.planting import change_json
@@ -24,10 +25,7 @@ def folder(tmp_path):
     return tiny.write_data_set(tmp_path)
 
 
-def opened(root, **options):
-    card = root / "card.yaml"
-    (handle,) = aimotive_recordings(root, options=tiny.OPTIONS | options, card=card, annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "aimotive", **tiny.OPTIONS)
 
 
 def change_calibration(folder, **sensors):
@@ -88,9 +86,6 @@ def test_an_object_twice_in_a_frame_and_an_image_without_boxes(folder, tmp_path)
     tiny.box_file(folder, 2).unlink()
     with pytest.raises(DataError, match=r"M_FISHEYE_R_0000102\.jpg: expected dynamic/box/3d_body/frame_0000102\.json"):
         opened(tmp_path)
-    (folder / "sensor/calibration/calibration.json").unlink()
-    with pytest.raises(DataError, match=r"calibration\.json: expected a readable text file, got No such file"):
-        opened(tmp_path)
 
 
 def test_two_sequences_of_one_name_are_refused(folder, tmp_path):
@@ -100,16 +95,9 @@ def test_two_sequences_of_one_name_are_refused(folder, tmp_path):
         open_dataset(load_card(card))
 
 
-@pytest.mark.parametrize(
-    ("file", "told"),
-    [
-        ("../speed.csv", r"options\.ego_motion\.file: expected a relative path without '\.\.'"),
-        ("none.csv", r"none\.csv: expected a readable file"),
-    ],
-)
-def test_ego_motion_stays_inside_the_data_set(folder, tmp_path, file, told):
-    with pytest.raises(DataError, match=told):
-        opened(tmp_path, ego_motion={"file": file})
+def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
+    with pytest.raises(DataError, match=r"options\.ego_motion\.file: expected a relative path without '\.\.'"):
+        opened(tmp_path, ego_motion={"file": "../speed.csv"})
 
 
 # A place in the Black Forest, and the axes east, north and up there.
@@ -160,16 +148,15 @@ def test_the_data_sets_own_odometry(own_odometry, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected text, got an empty file"),
-        ("[1, 2", "expected JSON"),
-        ("[1, 2]", "expected poses by frame number, got list"),
+        ("", "expected JSON"),
+        ("[1, 2]", "expected an object, got [1, 2]"),
         ("[" * 100_000, "expected JSON"),
         ('{"1": {}, "../x": {}}', "expected poses of two frames at least, of those from 100 to 102, got 0"),
         ('{"100": {}}', "100.RT_ECEF_body: expected a 4 x 4 matrix, got none (KeyError)"),
         ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body: expected a 4 x 4 matrix"),
         ('{"100": {"RT_ECEF_body": [[NaN, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}', "expected a finite (4, 4) or"),
     ],
-    ids=range(8),
+    ids=range(7),
 )
 def test_faults_of_the_odometry(own_odometry, tmp_path, text, message):
     own_odometry.write_text(text)

@@ -1,17 +1,18 @@
 """The KITTI-360 adapter: a miniature with known truth, and the real calibration and scans."""
 
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
 
-from bench.adapters.kitti360 import kitti360_recordings
 from bench.adapters.kitti360_boxes import read_boxes
 from bench.adapters.kitti_files import read_clock
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, load_card, open_dataset
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from tests.support import data_sets
 from tests.support import tiny_kitti360 as tiny
 from tests.support.real import REAL, needs_real
 
@@ -21,9 +22,7 @@ def root(tmp_path):
     return tiny.write_data_set(tmp_path / "KITTI-360")
 
 
-def opened(root, **options):
-    (handle,) = kitti360_recordings(root, options=tiny.OPTIONS | options, card=root / "card.yaml", annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "kitti360", **tiny.OPTIONS)
 
 
 def replaced(path, old, new, count=1):
@@ -41,7 +40,7 @@ def in_vehicle(frame, points_global):
     return (points_global - pose[:3, 3]) @ pose[:3, :3]
 
 
-def test_sensors_stand_where_the_calibration_and_the_sensor_plan_put_them(root):
+def test_sensors_stand_where_calibration_and_sensor_plan_put_them_and_a_frame_is_one_instant(root):
     recording = opened(root)
     assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR)
     left, right = (recording.cameras[name].vehicle_from_camera for name in ("image_02", "image_03"))
@@ -51,10 +50,6 @@ def test_sensors_stand_where_the_calibration_and_the_sensor_plan_put_them(root):
     assert right.rotation[:, 2] == pytest.approx([0, -1, 0])
     assert right.rotation[:, 1] == pytest.approx([0, 0, -1])  # y down
     assert recording.cameras["image_03"].road.height_m == pytest.approx(1.98)
-
-
-def test_the_lens_has_its_tangential_terms_and_a_frame_is_one_instant(root):
-    recording = opened(root)
     model = recording.cameras["image_03"].model
     assert (model.xi, model.radial, model.tangential) == (2.2, (0.016, 1.65), (0.0042, -0.003))
     assert (model.focal, model.principal_point) == ((133.0, 132.0), (70.5, 69.0))
@@ -138,13 +133,13 @@ def test_a_rider_and_their_bicycle_are_one_cyclist(root):
     assert states[6].velocity_mps == pytest.approx([6.0, 0.0, 0.0], abs=1e-3)
 
 
-@pytest.mark.parametrize("frame", [3, 5, 8])
+@pytest.mark.parametrize("frame", [3, 8])
 def test_the_reference_lies_on_the_car_in_the_image(root, frame):
     """The returns come from a clockwise scan by a moving vehicle of a moving car; the truth is the car at exposure."""
     recording = opened(root)
     camera = recording.cameras["image_03"]
     image = next(i for i in recording.images["image_03"] if i.timestamp_ns == tiny.time_ns(frame))
-    builder = ReferenceBuilder(recording, "image_03", load_protocol("paper-v1").reference_settings())
+    builder = ReferenceBuilder(recording, "image_03", load_protocol("paper-v1").reference)
     seen = builder.geometry("26003", image)
     assert len(seen.cluster_vehicle) == len(tiny.surface())
     assert seen.cluster_vehicle == pytest.approx(tiny.car_at(frame), abs=0.02)  # uncorrected: up to 0.5 m off
@@ -168,23 +163,12 @@ def test_excluded_frames_are_named_by_their_number(root):
     assert recording.images["image_02"][0].timestamp_ns == tiny.time_ns(5)
 
 
-def poses_file(root):
-    return root / "data_poses" / tiny.SEQUENCE / "poses.txt"
-
-
-def keep_poses(root, frames, *, standing=False):
-    lines = [line for line in poses_file(root).read_text().splitlines() if int(line.split()[0]) in frames]
-    if standing:  # as if the car had not moved between the two
-        lines[1:] = [f"{lines[1].split()[0]} {lines[0].split(' ', 1)[1]}"]
-    poses_file(root).write_text("\n".join(lines) + "\n")
-
-
 def test_a_long_gap_stays_open_unless_the_car_stood(root):
-    keep_poses(root, {1, 11})
-    trajectory = opened(root).trajectory
-    times_ns = np.array([tiny.time_ns(n) for n in range(12)])
-    assert trajectory.at(times_ns)[2].tolist() == [False, True, *[False] * 9, True]
-    keep_poses(root, {1, 11}, standing=True)
+    poses, times_ns = root / "data_poses" / tiny.SEQUENCE / "poses.txt", np.array([tiny.time_ns(n) for n in range(12)])
+    first, *_, last = poses.read_text().splitlines()
+    poses.write_text(f"{first}\n{last}\n")
+    assert opened(root).trajectory.at(times_ns)[2].tolist() == [False, True, *[False] * 9, True]
+    poses.write_text(f"{first}\n{last.split()[0]} {first.split(' ', 1)[1]}\n")  # where it was before
     trajectory = opened(root).trajectory
     assert trajectory.at(times_ns)[2].tolist() == [False, *[True] * 11]
     assert trajectory.velocity_vehicle_mps(tiny.time_ns(6)) == pytest.approx([0, 0, 0], abs=1e-9)
@@ -201,12 +185,9 @@ def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
 
 def test_an_object_without_end_is_not_held_in_memory(tmp_path):
     file = tmp_path / "endless.xml"
-    with file.open("w") as out:
-        out.write("<opencv_storage><object1><data>")
-        for _ in range(40):
-            out.write("1.0 " * 250_000)
+    file.write_text("<opencv_storage><object1><data>" + "1.0 " * 10_000_000)
     with pytest.raises(DataError, match=r"expected objects of at most 32000000 bytes, got a longer one"):
-        list(read_boxes(file))
+        read_boxes(file)
 
 
 def test_boxes_that_were_not_named_but_move_are_unclear(root):
@@ -226,14 +207,10 @@ def scan_file(root, frame=6):
     return root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points" / "data" / f"{frame:010d}.bin"
 
 
-def test_a_scan_that_is_cut_short_or_too_large_for_one(root):
+def test_a_scan_that_is_cut_short(root):
     reference = opened(root).sweeps[5]
     scan_file(root).write_bytes(scan_file(root).read_bytes()[:-5])
     with pytest.raises(DataError, match=r"0000000006\.bin: expected rows of 4 float32 .* may be cut short"):
-        reference.read()
-    with scan_file(root).open("wb") as sparse:
-        sparse.truncate(10_000_000_000)
-    with pytest.raises(DataError, match=r"expected at most 64000000 bytes, got 10000000000"):
         reference.read()
 
 

@@ -1,13 +1,16 @@
 """The adapter of KITTI's raw drives: a miniature with known truth, and the real tracklets."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from bench.adapters.kitti_raw import CLASSES, kitti_raw_recordings, read_tracklets
+from bench.adapters.kitti_raw import CLASSES, read_tracklets
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.recordings import COMPLETELY, NOT_ANNOTATED
 from bench.reference import ReferenceBuilder
+from tests.support import data_sets
 from tests.support import tiny_kitti_raw as tiny
 from tests.support.real import REAL, needs_real
 
@@ -17,12 +20,10 @@ def root(tmp_path):
     return tiny.write_data_set(tmp_path / "kitti")
 
 
-def opened(root, **options):
-    (handle,) = kitti_raw_recordings(root, options=options, card=root / "card.yaml", annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "kitti-raw")
 
 
-def test_sensors_stand_where_the_calibration_puts_them(root):
+def test_sensors_stand_where_the_calibration_puts_them_and_each_has_its_own_times(root):
     recording = opened(root)
     camera = recording.cameras["image_02"]
     assert recording.vehicle_from_lidar.translation_m == pytest.approx(tiny.LIDAR_M)
@@ -31,9 +32,6 @@ def test_sensors_stand_where_the_calibration_puts_them(root):
     assert (camera.model.focal, camera.model.principal_point) == ((72.0, 72.0), tiny.CENTRE_PX)
     assert (camera.model.width, camera.model.height) == (tiny.WIDTH, tiny.HEIGHT)
 
-
-def test_each_sensor_has_its_own_times(root):
-    recording = opened(root)
     assert [image.timestamp_ns for image in recording.images["image_02"]] == [tiny.time_ns(n) for n in range(8)]
     later = [tiny.time_ns(n, tiny.SCAN_LATER_NS) for n in range(8)]
     assert [sweep.timestamp_ns for sweep in recording.sweeps] == later
@@ -64,7 +62,7 @@ def test_boxes_and_how_they_move(root):
 def test_points_have_their_times_by_a_scanner_that_turns_to_the_left(root):
     recording = opened(root)
     image = recording.images["image_02"][4]
-    builder = ReferenceBuilder(recording, "image_02", load_protocol("paper-v1").reference_settings())
+    builder = ReferenceBuilder(recording, "image_02", load_protocol("paper-v1").reference)
     car = tiny.car_in_vehicle_m(image.timestamp_ns) + tiny.surface()
     assert builder.geometry("Car 1", image).cluster_vehicle == pytest.approx(car, abs=0.005)  # else up to 7 cm off
     sweep = recording.sweeps[4].read()

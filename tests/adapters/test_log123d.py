@@ -1,5 +1,6 @@
 """The adapter of 123D: a drive as a log, written by pyarrow and by the library's own writer, reads as itself."""
 
+import fcntl
 from functools import partial
 
 import numpy as np
@@ -9,11 +10,21 @@ import pytest
 from bench.adapters.log123d import CLASSES, CameraHead, log123d_recordings
 from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
 from bench.errors import DataError, ShapeError
-from bench.recordings import list_cards, open_dataset, read_image
+from bench.recordings import list_cards, read_image
 from bench.recordings.cards import shipped_folder
 from bench.records.recording import Cuboid
 from bench.records.reference import OBJECT_CLASSES
-from tests.support import log123d
+from tests.support import data_sets, log123d
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory, worker_id):
+    """The library 123D where only its own programs find it, one for all processes that run tests."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base if worker_id == "master" else base.parent) / "py123d"
+    with folder.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return folder if folder.exists() else log123d.install_library(folder)
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +32,7 @@ def native(tmp_path_factory):
     return log123d.tiny_recording(tmp_path_factory.mktemp("native"))
 
 
-def opened(root, **options):
-    (handle,) = log123d_recordings(root, options=log123d.OPTIONS | options, card=root / "card.yaml", annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "123d", **log123d.OPTIONS)
 
 
 def assert_same(found, native):
@@ -102,6 +111,8 @@ def test_a_velocity_of_zero_is_unknown_where_the_writer_had_no_neighbour(native,
     rewritten(file, lambda table: table.slice(0, 1))
     for track in opened(tmp_path).tracks:
         assert np.isnan([state.velocity_mps for state in track.states]).all()
+    rewritten(file, lambda table: table.slice(0, 0))
+    assert opened(tmp_path).tracks == ()
 
 
 def test_of_several_boxes_of_an_object_at_a_time_the_first_counts(native, tmp_path):
@@ -176,16 +187,6 @@ def test_cards_name_splits_and_cameras_as_the_library_writes_them(library):
         splits, cameras = known[card.name]
         assert {*card.content.options["log_splits"]} <= {*splits}
         assert {*card.content.options["cameras"]} <= {*cameras}
-
-
-@pytest.mark.parametrize("card", CARDS, ids=lambda card: card.name)
-def test_a_card_without_data_says_what_to_do(card, tmp_path, monkeypatch):
-    monkeypatch.delenv("PY123D_DATA_ROOT", raising=False)
-    with pytest.raises(DataError, match=r"got the variable PY123D_DATA_ROOT, which is not set; .*py123d .*ipc_zstd"):
-        open_dataset(card)
-    monkeypatch.setenv("PY123D_DATA_ROOT", str(tmp_path))
-    with pytest.raises(DataError, match=r"logs: expected logs of 123D, .*/<log>/sync\.arrow, got none; convert"):
-        open_dataset(card)
 
 
 def test_lenses_are_those_of_the_head():

@@ -3,7 +3,7 @@
 import sqlite3
 import struct
 from contextlib import closing
-from functools import cache
+from functools import cache, partial
 from zlib import crc32
 
 import lz4.frame
@@ -12,11 +12,10 @@ import pytest
 import yaml
 from backports import zstd
 
-from bench.adapters.rosbag.adapter import rosbag_recordings
 from bench.adapters.rosbag.messages import read_message, stored_messages
 from bench.errors import DataError
 from bench.recordings import read_image
-from tests.support import tiny
+from tests.support import data_sets, tiny
 from tests.support import tiny_rosbag as bags
 from tests.support.limits import memory_below, peak_bytes
 
@@ -77,9 +76,7 @@ def copied(file, tmp_path, content=None, *, metadata=True):
     return root
 
 
-def opened(root, **options):
-    (handle,) = rosbag_recordings(root, options=bags.OPTIONS | options, card=root / "card.yaml", annotations=None)
-    return handle.open()
+opened = partial(data_sets.opened, "rosbag", **bags.OPTIONS)
 
 
 def indices(recording, true=pixels, times_ns=range(tiny.TIMES_NS[0], 2**62, STEP_NS)):
@@ -226,10 +223,8 @@ HOSTILE_RECORDS = [
     (chunk(b"abc", size=10), "a chunk of 3 bytes with the checksum 352441c2, where it states 10 with"),
     (chunk(b"abc", compression="rar"), "the unknown compression 'rar'"),
     (chunk(b"", packed=LZ4_BOMB, size=1 << 20, compression="lz4"), "lz4 data of more than 1048576 bytes"),
-    (record(5, b""), "unpack requires a buffer of 8 bytes"),
     (b"\x03" + struct.pack("<Q", 1 << 40), "a record of kind 3 with 1099511627776 bytes"),
     (record(3, struct.pack("<HI", 1, 2**32 - 1)), "the end in the middle of it"),
-    (bytes(100), "a record of kind 0"),
 ]
 
 
@@ -254,26 +249,15 @@ def database(file, *statements):
         connection.commit()
 
 
+GENERATED = "CREATE TABLE {} (id INTEGER PRIMARY KEY, {} AS ({}))"
+TOPICS = GENERATED.format("topics", "name, type, serialization_format", "hex(zeroblob(500000))")
+MESSAGES = GENERATED.format("messages", "topic_id, timestamp, data", "zeroblob(900000000)")
 MANY = "WITH RECURSIVE n(i) AS (SELECT 2 UNION ALL SELECT i + 1 FROM n WHERE i < 100000) INSERT INTO topics"
 HOSTILE_DATABASES = [
     (["INSERT INTO messages VALUES (6, 2, 8, x'61')"], r"the row \(6, 2, 8, 1\) of the table messages"),
     (["DROP TABLE topics"], "expected the tables topics and messages, as in a bag of ROS 2, got messages"),
-    (
-        [
-            "DROP TABLE topics",
-            "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format AS (hex(zeroblob(500000))))",
-            f"{MANY} SELECT i, 'a', 'b' FROM n",
-        ],
-        "topics and definitions of more than 33554432 bytes",
-    ),
-    (
-        [
-            "DROP TABLE messages",
-            "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data AS (zeroblob(900000000)))",
-            "INSERT INTO messages VALUES (5, 1, 7)",
-        ],
-        "too big",
-    ),
+    (["DROP TABLE topics", TOPICS, f"{MANY} SELECT i, 'a', 'b' FROM n"], "definitions of more than 33554432 bytes"),
+    (["DROP TABLE messages", MESSAGES, "INSERT INTO messages VALUES (5, 1, 7)"], "too big"),
 ]
 
 
@@ -310,7 +294,7 @@ def metadata(root, change):
 NAMED = r"metadata\.yaml: rosbag2_bagfile_information\.relative_file_paths\.0: expected"
 
 
-@pytest.mark.parametrize("path", ["../drive.mcap", "/etc/drive.mcap", "..", "C:\\x.mcap", "secret.txt"])
+@pytest.mark.parametrize("path", ["../drive.mcap", "/etc/drive.mcap", "secret.txt"])
 def test_metadata_that_names_files_elsewhere(tmp_path, path):
     root = bags.data_set(tmp_path, bags.drive())
     metadata(root, lambda content: content.update(relative_file_paths=[path]))
@@ -318,9 +302,7 @@ def test_metadata_that_names_files_elsewhere(tmp_path, path):
         opened(root, accept_losses=True)
 
 
-@pytest.mark.parametrize(
-    "content", ["!!python/object/apply:os.system [true]", "[1, 2]", ""], ids=["tag", "list", "none"]
-)
+@pytest.mark.parametrize("content", ["!!python/object/apply:os.system [true]", ""], ids=["tag", "none"])
 def test_metadata_that_is_none(tmp_path, content):
     root = bags.data_set(tmp_path, bags.drive())
     (root / "drive" / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {content}\n")
@@ -375,20 +357,14 @@ def test_stamps_that_no_clock_gives(tmp_path, stamps_ns, told, bad_ns, kept):
     assert len(opened(root, clock="bag").images["front"]) == 3
 
 
-def test_messages_out_of_order_are_sorted_by_their_stamps(tmp_path):
-    recording = opened(bags.data_set(tmp_path, with_stamps(SECOND, FIRST, THIRD)))
+def test_messages_out_of_order_are_sorted_and_a_pose_that_was_recorded_twice_counts_once(tmp_path):
+    rows = with_stamps(SECOND, FIRST, THIRD)
+    again = [(topic, kind, log_ns + 7, message) for topic, kind, log_ns, message in rows if topic == bags.ODOM]
+    recording = opened(bags.data_set(tmp_path, [*rows, *again]))
     refs = recording.images["front"]
     assert [ref.timestamp_ns for ref in refs] == [FIRST, SECOND, THIRD]
     assert np.array_equal(read_image(refs[0], recording.cameras["front"]), tiny.pixels(1))
-
-
-def test_a_pose_that_was_recorded_twice_counts_once(tmp_path):
-    rows = [*bags.drive()]
-    poses = [row for row in rows if row[0] == bags.ODOM]
-    again = [(topic, kind, log_ns + 7, message) for topic, kind, log_ns, message in poses]
-    twice = opened(bags.data_set(tmp_path / "twice", [*rows, *again])).trajectory
-    once = opened(bags.data_set(tmp_path / "once", rows)).trajectory
-    assert twice.timestamps_ns.tolist() == once.timestamps_ns.tolist()
+    assert recording.trajectory.timestamps_ns.tolist() == list(tiny.TIMES_NS)
 
 
 @pytest.mark.parametrize("rate", [0.2, 1.0, 25.0])
@@ -419,12 +395,6 @@ def test_numbers_that_are_none_in_poses(tmp_path):
     ):
         opened(root)
     assert len(opened(root, accept_losses=True).trajectory.timestamps_ns) == 3
-
-
-def test_a_bag_without_ego_motion_is_refused(tmp_path):
-    root = bags.data_set(tmp_path, [row for row in bags.drive() if row[0] != bags.ODOM])
-    with pytest.raises(DataError, match=r"/odom: expected messages of the ego-motion, got none"):
-        opened(root, accept_losses=True)
 
 
 def test_memory_does_not_grow_with_the_length(tmp_path):

@@ -93,12 +93,9 @@ def test_grey_of_16_bits_is_scaled_by_a_fixed_level(big):
 BILLIONS, NO_DATA = 2**32 - 1, np.zeros(0, dtype=np.uint8)
 LIES = [
     ({"encoding": "32FC1"}, "encoding: expected one of mono8, .*, got '32FC1'"),
-    ({"encoding": "bayer_rggb16"}, "got 'bayer_rggb16'"),
     ({"width": BILLIONS, "height": BILLIONS}, "expected 6 x 4 px, as the rig file says, got 4294967295 x"),
-    ({"width": 0}, "image size: expected 6 x 4"),
     ({"height": 0, "data": NO_DATA}, "image size: expected 6 x 4"),
     ({"step": 5}, "step: expected at least 6 bytes a row, got 5"),
-    ({"step": 2**31}, "data: expected 6442450950 bytes for 4 rows of 2147483648, got 24"),
     ({"data": np.zeros(23, dtype=np.uint8)}, "data: expected 24 bytes for 4 rows of 6, got 23"),
     ({"encoding": "rgb8"}, "step: expected at least 18 bytes a row, got 6"),
 ]
@@ -136,10 +133,7 @@ def test_compressed_images_that_lie():
     cases = {
         "image size: expected 64 x 48 px, as the rig file says, got 100000 x 100000": png(100_000, 100_000),
         "expected a JPEG or PNG image, got 4 bytes .* begin with 52 49 46 46": b"RIFF",
-        "expected a JPEG or PNG image, got 0 bytes": b"",
         "a JPEG cut short": cv2.imencode(".jpg", pixels)[1].tobytes()[:-40],
-        "a PNG cut short": cv2.imencode(".png", pixels)[1].tobytes()[:-4],
-        "expected a JPEG or PNG image, got 4 bytes": b"\xff\xd8\xff\xe0",
     }
     message = bags.compressed(TIME_NS, pixels)
     for told, content in cases.items():
@@ -148,8 +142,6 @@ def test_compressed_images_that_lie():
             compressed(message)
     with pytest.raises(DataError, match=r"format: expected JPEG or PNG, got '16UC1; compressedDepth png'"):
         compressed(bags.compressed(TIME_NS, pixels, ".png", "16UC1; compressedDepth png"))
-    with pytest.raises(DataError, match="got 32 x 48"):
-        compressed(bags.compressed(TIME_NS, pixels[:, :32], ".jpg"))
 
 
 def test_stamps():
@@ -254,9 +246,7 @@ CLOUD_LIES = [  # what of the message, or of its second field, is another
     ({"point_step": 0}, {}, "fields, x: expected an offset inside the point, got byte 0 of points of 0"),
     ({}, {"offset": BILLIONS}, "fields, y: expected an offset inside the point"),
     ({}, {"datatype": 99}, "fields, y: expected a datatype from 1 to 8, got 99"),
-    ({}, {"datatype": 5}, "fields: expected y as float32 or float64, got x, y, z"),
     ({}, {"name": "height"}, "fields: expected y as float32 or float64, got x, height, z"),
-    ({"fields": []}, {}, "fields: expected x as float32 or float64, got none"),
 ]
 
 

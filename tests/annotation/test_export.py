@@ -66,8 +66,8 @@ def test_only_accepted_tracks_of_a_finished_review_are_written(card, drive, tmp_
     frames = json.loads((out / f"{DRIVE}.json").read_text())["openlabel"]["frames"]
     times_ns = {frame["frame_properties"]["timestamp"] for frame in frames.values()}
     assert {sweep.timestamp_ns for sweep in drive.sweeps} <= times_ns
-    assert called_here("annotate", "export", card, "--out", out / "tool", "--format", "cvat").returncode == 0
-    assert (out / "tool" / DRIVE / "tracklet_labels.xml").is_file()
+    assert called_here("annotate", "export", card, "--out", out / "tool", "--format", "boxes").returncode == 0
+    assert (out / "tool" / DRIVE / "boxes.csv").is_file()
 
 
 def test_a_review_of_another_drive_gives_no_labels(card, drive, tmp_path):

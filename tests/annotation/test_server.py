@@ -125,7 +125,7 @@ def test_the_reference_of_a_box_is_outlined_and_nothing_is_stored(server, file, 
     name, camera = next(iter(drive.cameras.items()))
     outline = f"/drives/0/outline/0/{image}"
     tracks = to_tracks(read_review(file), drive, unreviewed=True)
-    builder = ReferenceBuilder(replace(drive, tracks=tracks), name, load_protocol("surface-v1").reference_settings())
+    builder = ReferenceBuilder(replace(drive, tracks=tracks), name, load_protocol("surface-v1").reference)
     region = builder.region(box["track"], drive.images[name][image])
     for part, lines in asked(server, outline, body=box).items():
         expected = np.zeros((camera.model.height, camera.model.width), dtype=bool)

@@ -70,6 +70,4 @@ def test_a_frame_is_drawn_and_nothing_is_printed(tiny_card, tmp_path, capfd):
     console.be_silent()  # as a process is that has run no command line
     found = bench.view(tiny_card, method="nothing", frame=3, out=str(tmp_path / "one"))
     assert tmp_path / "one" / "areas.png" in found.files
-    (picture,) = bench.view(tiny_card, calibration=True, recording="crossing", frame=3, out=tmp_path / "lens").files
-    assert picture.name == "calibration.png"
     assert capfd.readouterr() == ("", "")

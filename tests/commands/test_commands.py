@@ -119,22 +119,16 @@ def test_a_method_that_fails_everywhere_is_told_in_one_line_with_the_way_to_its_
         (("run", "CARD", "--set", "threshold"), "expected NAME=VALUE"),
         (("run", "CARD", "--set", "treshold=1"), "takes cell_size_px"),
         (("run", "CARD", "--workers", "0"), "--workers: expected a number from 1 on"),
-        (("run", "CARD", "--workers", "nowhere.json"), "or the file of a scheduler, got 'nowhere.json'"),
         (("run", "CARD", "--shard", "3/2"), "--shard: expected I/N with I from 1 to N"),
         (("run", "CARD", "--out", "FULL"), "expected an empty folder or that of a run"),
         (("reference", "export", "CARD", "--out", "FULL"), "expected a new or an empty folder"),
         (("view", "CARD", "--recording", "crosing"), "did you mean 'crossing'"),
         (("view", "CARD", "--recording", "moving"), "--recording: expected one recording, got the split 'moving'"),
-        (("view", "CARD", "--frame", "nope"), "--frame: expected N, FIRST:LAST"),
-        (
-            ("evaluate", "CARD", "--predictions", "nope"),
-            "--predictions: expected a folder of masks or scores, got nope",
-        ),
+        (("evaluate", "CARD", "--predictions", "nope"), "--predictions: expected a folder of masks or scores, got"),
         (("audit", "CARD", "--recordings", "0"), "--recordings: expected at least 1, got 0"),
         (("synthesize", "nowhere.yaml", "--out", "OUT"), "nowhere.yaml"),
         (("report", "nope"), "nope: expected the folder of a finished run"),
         (("verify", "nope"), "nope: expected the folder of a finished run"),
-        (("compare", "FULL", "nope"), "expected the folder of a finished run"),
         (("leaderboard", "nope"), "nope: expected a folder of runs"),
     ],
 )
@@ -219,6 +213,6 @@ def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
     assert call(monkeypatch, "--version", "--verbose") == 0
     shown = capsys.readouterr().out
     for line in (f"fisheye-bench {bench.__version__}", "commit: ", " cores", "numpy ", "optional: distributed ",
-                 "opencv-python not installed", "FISHEYE_BENCH_CACHE=/somewhere", "open3d: loads"):  # fmt: skip
+                 "opencv-python not installed", "FISHEYE_BENCH_CACHE=/somewhere"):  # fmt: skip
         assert line in " ".join(shown.split())
     assert "pytest" not in shown, "of developers"

@@ -9,24 +9,14 @@ from bench.annotation.formats import label_format
 from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
 from bench.recordings import read_annotations
 from tests.support import tiny
+from tests.support.cards import write_card
 from tests.support.commands import call, error_line
-
-CARD = """
-name: mine
-title: one drive
-adapter: native
-root: data
-licence: CC0-1.0
-{more}
-"""
 
 
 @pytest.fixture
 def card(tmp_path):
     tiny.write_recording(tmp_path / "datasets/data/drive")
-    file = tmp_path / "datasets/mine.yaml"
-    file.write_text(CARD.format(more=""))
-    return file
+    return write_card(tmp_path / "datasets")
 
 
 def words(card, *more):
@@ -63,22 +53,20 @@ def test_what_is_exported_is_imported_and_used(monkeypatch, capsys, card, tmp_pa
     found = {track.track_id: track for track in read_annotations(folder / "drive.json")}
     assert len(found["van"].states) == 3
     assert np.isfinite([state.velocity_mps for state in found["van"].states]).all()
-    card.write_text(CARD.format(more="annotations: ../annotations"))
+    write_card(card.parent, annotations="../annotations")
     assert call(monkeypatch, "annotate", "import", name, source, *words(card)) == 0
     assert "give the card" not in capsys.readouterr().out
 
 
 def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys, card, tmp_path):
     out, folder = tmp_path / "tool", tmp_path / "annotations"
-    assert call(monkeypatch, *exported(card, "cvat", out)) == 0
-    assert "lost: 2 states that are" not in capsys.readouterr().out
+    assert call(monkeypatch, *exported(card, "openlabel", out)) == 0
+    capsys.readouterr()
     (card.parent / "data/drive/annotations.json").unlink()
     before = sorted(path for path in card.parent.rglob("*"))
     source = out / "drive"
-    assert call(monkeypatch, "annotate", "import", "cvat", source, *words(card, "--out", folder)) == 0
-    shown = capsys.readouterr().out
-    assert "drive: 1 objects in 2 places, 2 of 2 sweeps annotated" in shown
-    assert "lost: " not in shown  # frame_list.txt, which is exported too, names the frames
+    assert call(monkeypatch, "annotate", "import", "openlabel", source, *words(card, "--out", folder)) == 0
+    assert "drive: 1 objects in 3 places, 2 of 2 sweeps annotated" in capsys.readouterr().out
     assert sorted(path for path in card.parent.rglob("*")) == before
     (track,) = read_annotations(folder / "drive.json")
     van = tiny.tracks()[0]
@@ -90,11 +78,13 @@ def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys,
 
 def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, capsys, card, tmp_path):
     out = tmp_path / "tool"
-    assert call(monkeypatch, *exported(card, "cvat", out)) == 0
-    labels = out / "drive/tracklet_labels.xml"
-    labels.write_text(labels.read_text().replace("<objectType>Car<", "<objectType>Lorry<"))
-    (out / "drive/frame_list.txt").unlink()
-    source = ("annotate", "import", "cvat", out / "drive", *words(card, "--out", tmp_path / "in", "--first-frame", 0))
+    assert call(monkeypatch, *exported(card, "openlabel", out)) == 0
+    labels = out / "drive/openlabel.json"
+    content = json.loads(labels.read_text())
+    content["openlabel"]["objects"]["0"]["type"] = "Lorry"
+    del content["openlabel"]["frames"]["2"]  # at which there is no sweep
+    labels.write_text(json.dumps(content))
+    source = ("annotate", "import", "openlabel", labels, *words(card, "--out", tmp_path / "in", "--first-frame", 0))
     assert call(monkeypatch, *source) == 2
     assert "got 'Lorry'; map each of them, as --class 'Lorry=CLASS'" in capsys.readouterr().err
     assert not (tmp_path / "in").exists()
@@ -106,8 +96,7 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     source = ("annotate", "import", "boxes", table, *words(card, "--out", tmp_path / "boxes"))
     assert "say with --frame base_link=lidar" in error_line(monkeypatch, capsys, *source)
     assert call(monkeypatch, *source, "--frame", "base_link=vehicle") == 0
-    assert call(monkeypatch, *exported(card, "openlabel", out)) == 0
-    labels = out / "drive/openlabel.json"
+    assert call(monkeypatch, *exported(card, "openlabel", out, "--overwrite")) == 0
     content = json.loads(labels.read_text())
     for frame in content["openlabel"]["frames"].values():
         frame["frame_properties"]["timestamp"] /= 1e9

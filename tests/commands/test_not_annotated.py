@@ -4,11 +4,11 @@ import json
 import shutil
 
 import pytest
-import yaml
 
 from bench import open_dataset, score
 from bench.errors import UsageError
 from bench.harness import read_run, read_tables
+from tests.support.cards import write_card
 from tests.support.commands import call, called_here, error_line
 
 RUN = ("--no-pictures", "--protocol", "surface-v1")
@@ -21,10 +21,7 @@ def card_of(tiny_card, folder, *, recordings=("crossing",), unlabelled=("crossin
         shutil.copytree(source / name, folder / "data" / name)
         if name in unlabelled:
             (folder / "data" / name / "annotations.json").unlink()
-    card = folder / "drives.yaml"
-    content = {"name": "drives", "title": "drives", "adapter": "native", "root": "data", "licence": "none", **keys}
-    card.write_text(yaml.safe_dump(content))
-    return card
+    return write_card(folder, file="drives.yaml", name="drives", **keys)
 
 
 @pytest.fixture(scope="module")

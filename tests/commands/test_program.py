@@ -97,16 +97,12 @@ def watched(monkeypatch, *, terminal: bool) -> io.StringIO:
 
 
 @pytest.mark.usefixtures("_program_runs")
-def test_a_bar_tells_how_far_it_is(monkeypatch):
+def test_a_bar_tells_how_far_it_is_and_a_log_has_a_line_now_and_then_of_what_takes_long(monkeypatch):
     shown = watched(monkeypatch, terminal=True)
     with console.progress_bar("scoring", "images") as report:
         report(0, 0)
         report(50.5, 100)
     assert re.search("scoring .* 50/100 +images", shown.getvalue())
-
-
-@pytest.mark.usefixtures("_program_runs")
-def test_a_log_has_no_bar_but_a_line_now_and_then_of_what_takes_long(monkeypatch, capsys):
     shown = watched(monkeypatch, terminal=False)
     now = [0.0]
     monkeypatch.setattr(console, "monotonic", lambda: now[0])

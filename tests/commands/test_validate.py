@@ -5,17 +5,16 @@ import shutil
 
 import pytest
 
+from tests.support.cards import write_card
 from tests.support.commands import call, error_line
 from tests.validation import drive
-
-CARD = "name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\nannotations: {label_set}\n"
 
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
     drive.write_drive(folder / "data" / "drive", drive.MARGIN_M)
-    (folder / "street.yaml").write_text(CARD.replace("annotations: {label_set}\n", ""))
+    write_card(folder, file="street.yaml", name="street")
     return folder
 
 

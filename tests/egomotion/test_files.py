@@ -61,14 +61,6 @@ def test_constant_signals_do_not_depend_on_the_sampling(speed, rate, samples):
     assert parts.positions_m[-1] == pytest.approx(whole.positions_m[-1], abs=1e-6)
 
 
-@pytest.mark.parametrize("column", ["speed_mps", "yaw_rate_radps"])
-def test_a_value_that_is_not_finite_is_named(column):
-    signals = {"speed_mps": [1.0, 1.0, 1.0], "yaw_rate_radps": [0.0, 0.0, 0.0]}
-    signals[column][1] = np.nan
-    with pytest.raises(DataError, match=rf"drive.csv: {column}, row 2: expected a finite number, .*, got nan"):
-        drive(**signals)
-
-
 def csv(tmp_path, text):
     path = tmp_path / "egomotion.csv"
     path.write_text(text)
@@ -101,11 +93,9 @@ HEAD = "timestamp_ns,speed_mps,yaw_rate_radps\n"
         (HEAD + "0,1,0\n10,nan,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got 'nan'"),
         (HEAD + "0,1,0\n10,1,fast\n", "yaw_rate_radps, row 2: expected a finite number, at most 1e+06, got 'fast'"),
         (HEAD + "0,1,0\n10,1_000,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got '1_000'"),
-        (HEAD + "0,1,0\n1_000,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1_000'"),
         (HEAD + "0,1,0\n10,1e7,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got '1e7'"),
         (HEAD + f"0,1,0\n{2**63},1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '9223"),
         (HEAD + "0.1,1,0\n0.2,1,0\n", "got '0.1'; these would be seconds: multiply them by 1000000000"),
-        (HEAD + "0,1,0\n10,,0\n", "speed_mps, row 2: expected a finite number, at most 1e+06, got ''"),
         (HEAD + "0,1,0\n1.5e1,1,0\n", "timestamp_ns, row 2: expected a whole number of nanoseconds, got '1.5e1'"),
         (HEAD + "10,1,0\n10,1,0\n", "timestamp_ns: expected times that increase, got 10 after 10 in row 2"),
         ("timestamp_ns,speed\n0,1\n", "speed_mps: expected a column of this name, got timestamp_ns, speed"),
@@ -138,11 +128,8 @@ def test_a_pose_by_hand(tmp_path):
     assert trajectory.timestamps_ns.tolist() == [1_700_000_000_123_456_789, 1_700_000_001_000_000_000]
     assert trajectory.positions_m[0].tolist() == [1.0, 2.0, 3.0]
     assert trajectory.rotations[0].apply([1.0, 0.0, 0.0]) == pytest.approx([0.0, 1.0, 0.0])
-
-
-def test_scientific_notation_as_evo_writes_it(tmp_path):
-    path = poses(tmp_path, "1.305031102175300000e+09 0 0 0 0 0 0 1\n1.305031102275300000e+09 0 0 0 0 0 0 1\n")
-    assert read_tum(path).timestamps_ns.tolist() == [1_305_031_102_175_300_000, 1_305_031_102_275_300_000]
+    of_evo = poses(tmp_path, "1.305031102175300000e+09 0 0 0 0 0 0 1\n1.305031102275300000e+09 0 0 0 0 0 0 1\n")
+    assert read_tum(of_evo).timestamps_ns.tolist() == [1_305_031_102_175_300_000, 1_305_031_102_275_300_000]
 
 
 @given(
@@ -181,7 +168,6 @@ def test_times_in_another_unit_are_refused_with_the_factor(tmp_path, start_s, st
         (LINE + "1 0 0 0 0 0 1\n", "line 2: expected 8 numbers, t x y z qx qy qz qw, got 7"),
         (LINE + "1 0 nan 0 0 0 0 1\n", "y, line 2: expected a finite number, got 'nan'"),
         (LINE + "1 0 1_000 0 0 0 0 1\n", "y, line 2: expected a finite number, got '1_000'"),
-        (LINE + "1_0 0 0 0 0 0 0 1\n", "t, line 2: expected a finite number, got '1_0'"),
         (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: expected a finite number, got 'one'"),
         (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: expected a quaternion of length 1"),
         ("1 0 0 0 0 0 0 1\n" + LINE, "timestamp_ns: expected times that increase"),

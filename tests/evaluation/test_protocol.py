@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,8 @@ import yaml
 
 from bench.errors import DataError, UnknownNameError
 from bench.evaluation import known_protocols, load_protocol
-from bench.records.reference import Category, Limb
+from bench.records.reference import Category
+from bench.records.rules import Limb
 
 # A released protocol is never edited, only superseded by a new file with a line of its own here.
 RELEASED = {
@@ -38,28 +38,26 @@ def test_released_protocols_are_unchanged() -> None:
 
 
 def test_the_papers_rules() -> None:
-    settings = load_protocol("paper-v1").reference_settings()
+    settings = load_protocol("paper-v1").reference
     assert (settings.range_limit_m, settings.polygon_kind) == (8.0, "convex")
     assert settings.categories == tuple(kind for kind in Category if kind is not Category.MOVING)
-    assert settings.max_annotation_gap_ns == 100_000_000
-    assert settings.motion.crossing_from_rad == math.pi / 4
-    assert load_protocol("paper-v1").chance_lag_ns == 1_000_000_000
+    assert (settings.max_annotation_gap_ms, settings.motion.crossing_from_deg) == (100, 45)
 
 
 def test_surface_says_why_outlines_are_uncertain() -> None:
-    settings = load_protocol("surface-v1").reference_settings()
-    assert (settings.range_limit_m, settings.polygon_kind, settings.clearance_above_shape) == (
+    settings = load_protocol("surface-v1").reference
+    assert (settings.range_limit_m, settings.polygon_kind, settings.ground_clearance_above) == (
         8.0,
         "surface-patches",
-        True,
+        "shape",
     )
-    assert settings.outline is not None
-    assert settings.outline.angle_rad == math.radians(0.11)
-    legs, arms = settings.outline.limbs["pedestrian"]
+    assert settings.unknown_band is not None
+    assert settings.unknown_band.angle_deg == 0.11
+    legs, arms = settings.unknown_band.limbs["pedestrian"]
     assert legs == Limb(joint=0.53, end=0.0, speed=2.0)
     assert (arms.joint, arms.end, arms.speed) == (0.82, 0.43, 1.0)
-    assert set(settings.outline.limbs) == {"pedestrian", "cyclist"}
-    assert load_protocol("paper-v1").reference_settings().outline is None
+    assert set(settings.unknown_band.limbs) == {"pedestrian", "cyclist"}
+    assert load_protocol("paper-v1").reference.unknown_band is None
 
 
 def test_the_digest_is_of_the_content_not_of_its_writing(tmp_path: Path) -> None:

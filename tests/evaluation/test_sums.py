@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Rows, read_sums, sum_run, summarise, write_sums
+from bench.evaluation import Rows, read_sums, sum_run, write_sums
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.rows import group_recordings
 from bench.evaluation.sums import KEY
@@ -103,16 +103,6 @@ def test_a_recording_is_never_cut() -> None:
     assert group_recordings(counts, rows_at_once=4) == [["a"], ["b"], ["c"], ["d", "e"]]
     assert group_recordings(counts, rows_at_once=100) == [["a", "b", "c", "d", "e"]]
     assert group_recordings({}) == []
-
-
-def test_an_object_that_is_neither_scored_nor_ignored_for_a_known_reason_is_refused() -> None:
-    objects, frames = random_run(3)
-    place = objects["status"].to_pylist().index("ignored")
-    reasons = objects["reason"].to_pylist()
-    reasons[place] = "no such reason"
-    lost = objects.set_column(objects.schema.names.index("reason"), "reason", pa.array(reasons, pa.string()))
-    with pytest.raises(DataError, match=r"reason: expected unclear, .*, got 'no such reason'"):
-        summarise(lost, frames, protocol=PAPER)
 
 
 def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:

@@ -131,23 +131,6 @@ def test_a_method_without_likelihood_has_nulls_and_no_curve() -> None:
     assert threshold_sweep(random_run(1)[1]) is None
 
 
-def test_the_order_of_the_rows_changes_nothing() -> None:
-    draw = np.random.default_rng(3)
-    images = [("11..\n....", (10 ** draw.uniform(-6, 0, (2, 4))).tolist()) for _ in range(7)]
-    frames = frames_of(*images)
-    one, other = threshold_sweep(frames), threshold_sweep(shuffled(frames, 2))
-    for name in ("recall", "false_positive_coverage"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-
-
-@given(st.integers(0, 50))
-def test_curves_fall_with_the_threshold(seed: int) -> None:
-    draw = np.random.default_rng(seed)
-    sweep = sweep_of(("11..\n....", (10 ** draw.uniform(-7, 1, (2, 4))).tolist()))
-    assert (np.diff(sweep.recall) <= 0).all()
-    assert (np.diff(sweep.false_positive_coverage) <= 0).all()
-
-
 def test_cells_that_do_not_tile_the_image_are_refused() -> None:
     scorer = SequenceScorer(PAPER)
     told = Segmentation(cell_size_px=2, mask=mask("xx\nxx"), likelihood=np.zeros((2, 1), dtype=np.float32))

@@ -150,7 +150,7 @@ def test_an_object_that_no_pixel_shows_is_ignored_in_both():
 def test_less_compensation_moves_the_polygon_of_a_fast_object_and_keeps_it_moving(tiny_card):
     handles = {handle.name: handle for handle in open_dataset(load_card(tiny_card))}
     recording = handles["overtaking"].open()
-    settings = lenient(load_protocol("paper-v1").reference_settings(), "convex")
+    settings = lenient(load_protocol("paper-v1").reference, "convex")
     image = recording.images["front"][2]
     built = {
         compensation: ReferenceBuilder(with_compensation(recording, compensation), "front", settings).build(image)

@@ -125,7 +125,7 @@ def test_a_damaged_answer_is_named(damage):
 def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeypatch, protocol):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path))
     recording = open_dataset(load_card(tiny_card))[0].open()
-    images, settings = recording.images["front"], protocol.reference_settings()
+    images, settings = recording.images["front"], protocol.reference
 
     def found():
         return find_references(recording, images, settings=[settings], digest="of it")[0]
@@ -146,7 +146,7 @@ def test_a_stored_reference_is_equal_in_every_value(tiny_card, tmp_path, monkeyp
 def test_references_that_could_not_be_built_are_not_stored(tiny_card, tmp_path, monkeypatch):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path))
     recording = open_dataset(load_card(tiny_card))[0].open()
-    images, settings = recording.images["front"][:1], [PAPER.reference_settings()]
+    images, settings = recording.images["front"][:1], [PAPER.reference]
 
     def unreadable(_):
         raise DataError("sweep.npz", expected="a sweep", got="nothing")

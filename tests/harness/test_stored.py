@@ -9,10 +9,10 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Metric, sum_run, summarise, threshold_sweep
+from bench.evaluation import Metric, summarise, threshold_sweep
 from bench.evaluation.counts import EDGES
 from bench.evaluation.maps import range_maps
-from bench.harness import open_tables, read_run, read_tables
+from bench.harness import read_run, read_tables
 from bench.harness.stored import HISTOGRAMS
 from benchmarks.large_run import STEPS, measure, write_runs
 from tests.support.counts import change_table, counts_file
@@ -111,30 +111,14 @@ def test_a_row_that_is_there_twice_also_in_another_file(changed, table):
         read_tables(changed)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "message"),
-    [
-        ("x_m", 1e9, r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle's origin"),
-        ("x_m", math.inf, r"x_m, y_m: expected centroids"),
-        ("object_class", "tram", r"object_class of evaluated objects: expected pedestrian, .*, got 'tram'"),
-        ("direction", "up", r"direction of evaluated objects: expected lateral, .*, got 'up'"),
-    ],
-)
-def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, name, value, message):
-    change_cell(changed, "objects", name, value)
+@pytest.mark.parametrize("x_m", [1e9, math.inf])
+def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, x_m):
+    change_cell(changed, "objects", "x_m", x_m)
     run = read_run(changed)
-    with pytest.raises(DataError, match=message):
+    with pytest.raises(
+        DataError, match=r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle"
+    ):
         range_maps(run.objects, protocol=run.protocol)
-
-
-@pytest.mark.parametrize(
-    ("table", "name", "value"),
-    [("objects", "category", "other"), ("objects", "status", "other"), ("frames", "status", "other")],
-)
-def test_words_of_no_run_are_in_no_summary(changed, table, name, value):
-    change_cell(changed, table, name, value)
-    with pytest.raises(DataError, match=r"counts of the run: .*expected .*got 'other'"):
-        sum_run(*open_tables(changed), protocol=PAPER)
 
 
 def as_words(table: pa.Table) -> pa.Table:

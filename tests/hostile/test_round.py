@@ -194,7 +194,7 @@ def mistyped(document: Any, rng: Random) -> Any:
 
 def read(folder: Path) -> None:
     """Each of the files, and the reference that they lead to."""
-    settings = load_protocol(folder / "protocol.yaml").reference_settings()
+    settings = load_protocol(folder / "protocol.yaml").reference
     load_tolerances(folder / "tolerances.yaml")
     card = load_card(folder / "card.yaml")
     for handle in open_dataset(card):

@@ -85,17 +85,6 @@ def test_each_point_is_moved_by_the_blend_of_the_two_poses_around_its_time_in_wh
         np.testing.assert_allclose(found, start + part * (end - start), atol=1e-9)
 
 
-def test_points_laid_out_by_component_are_moved_as_those_laid_out_by_point():
-    rng = np.random.default_rng(3)
-    points, times_ns = rng.uniform(-50, 50, (100, 3)), rng.permutation(100) * 300_000
-    poses = {"interpolation_ns": interpolation_timestamps(times_ns)}
-    count = len(poses["interpolation_ns"])
-    poses["rotations"] = Rotation.from_rotvec(rng.uniform(-1, 1, (count, 3))).as_matrix()
-    poses["positions_m"] = rng.uniform(-9, 9, (count, 3))
-    moved = deskew(points, times_ns, **poses)
-    np.testing.assert_array_equal(moved, deskew(np.asfortranarray(points), times_ns, **poses))
-
-
 def sweep(**fields) -> LidarSweep:
     return LidarSweep(timestamp_ns=1000, points_lidar=np.zeros((3, 3), np.float32), **fields)
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.commands.schemas import json_schema
 from bench.errors import DataError, UsageError
 from bench.geometry import RigidTransform
 from bench.recordings import (
@@ -22,7 +23,6 @@ from bench.recordings import (
     read_annotations,
     write_annotations,
 )
-from bench.recordings.annotations import schema_text
 from bench.records.reference import Category
 from tests.support import tiny
 
@@ -53,14 +53,6 @@ def assert_same_tracks(some, others):
             if isinstance(state.shape, Cuboid):
                 rotation = expected.shape.vehicle_from_object.rotation
                 assert state.shape.vehicle_from_object.rotation == pytest.approx(rotation, abs=1e-12)
-
-
-@pytest.mark.parametrize("reviewed", [True, False])
-def test_every_shape_comes_back_and_whether_anybody_reviewed(tmp_path, reviewed):
-    write_annotations(tmp_path / "a.json", [replace(track, reviewed=reviewed) for track in tiny.tracks()])
-    back = read_annotations(tmp_path / "a.json")
-    assert_same_tracks(back, tiny.tracks())
-    assert {track.reviewed for track in back} == {reviewed}
 
 
 number = st.floats(-1e4, 1e4)
@@ -119,11 +111,13 @@ some_tracks = st.lists(
 
 
 @settings(max_examples=50)  # of up to nine states each
-@given(tracks=some_tracks)
-def test_any_tracks_come_back(tmp_path_factory, tracks):
+@given(tracks=some_tracks, reviewed=st.booleans())
+def test_any_tracks_come_back_and_whether_anybody_reviewed(tmp_path_factory, tracks, reviewed):
     path = tmp_path_factory.mktemp("labels") / "a.json"
-    write_annotations(path, tracks)
-    assert_same_tracks(read_annotations(path), tracks)
+    write_annotations(path, [replace(track, reviewed=reviewed) for track in tracks])
+    back = read_annotations(path)
+    assert_same_tracks(back, tracks)
+    assert {track.reviewed for track in back} <= {reviewed}
 
 
 def test_times_without_objects_can_be_said(tmp_path):
@@ -138,10 +132,7 @@ def test_times_without_objects_can_be_said(tmp_path):
     [
         ({"timestamp_ns": 2**62 + 1}, r"timestamp: expected less than or equal to"),
         ({"yaw_rate_radps": float("nan")}, r"expected a finite number, got nan"),
-        (
-            {"category": "crosing"},
-            r"text\.0\.val: expected 'crossing', 'overtaking', .* or 'static_ego', got 'crosing'",
-        ),
+        ({"category": "crosing"}, r"text\.0\.val: expected 'crossing', .* or 'static_ego', got 'crosing'"),
     ],
 )
 def test_what_could_not_be_read_back_is_not_written(tmp_path, changes, told):
@@ -185,24 +176,16 @@ FAULTS = [
     ({}, f"{PLACE}: expected one of cuboid, poly2d and vec point_indices, got {{}}"),
     ({"cuboid": [BOX], "poly2d": [OUTLINE]}, "one of cuboid, poly2d and vec point_indices, got {'cuboid'"),
     ({"cuboid": [BOX] * 2}, f"{PLACE}.cuboid"),
-    ({"cuboid": named("shape", [0.0] * 9)}, f"{PLACE}.cuboid.0.val.9: expected a value, got nothing"),
     ({"cuboid": named("shape", [0.0] * 10)}, "numbers 4 to 7 to be a quaternion"),
     ({"cuboid": [BOX | {"val": [*BOX["val"][:9], 0.0]}]}, "numbers 8 to 10 to be sizes above 0"),
     ({"cuboid": [BOX | {"colour": "red"}]}, f"{PLACE}.cuboid.0.colour: expected no such key, got 'red'"),
     ({"poly2d": [OUTLINE]}, f"{PLACE}: expected with a poly2d the numbers bottom_m and top_m"),
-    ({"poly2d": [OUTLINE | {"closed": False}]}, f"{PLACE}.poly2d.0.closed: expected True, got False"),
     ({"poly2d": [OUTLINE | {"val": [0, 0, 1, 0, 1, 1, 2]}]}, "an even number of values"),
-    (
-        {"poly2d": [OUTLINE | {"val": [0.0] * 2002}]},
-        f"{PLACE}.poly2d.0.val: expected Tuple should have at most 2000 items",
-    ),
+    ({"poly2d": [OUTLINE | {"val": [0.0] * 2002}]}, "poly2d.0.val: expected Tuple should have at most 2000 items"),
     ({"poly2d": [OUTLINE], "num": HEIGHTS}, "the numbers bottom_m and top_m, which is above it"),
     ({"vec": named("point_indices", [1])}, "expected with point_indices a number named sweep_timestamp_ns"),
-    ({"vec": named("point_indices", [-1])}, "point_indices.val.0: expected greater than or equal to 0"),
     ({"cuboid": [BOX], "vec": named("velocity_mps", [1.0, 2.0])}, "velocity_mps.val.2: expected a value"),
-    ({"cuboid": [BOX], "vec": named("velocity", [1.0])}, f"{PLACE}.vec.0"),
     ({"cuboid": [BOX], "vec": named("velocity_mps", [10**400, 0, 0])}, "val.0: expected a finite number"),
-    ({"cuboid": [BOX], "text": named("category", "crosing")}, "text.0.val: expected 'crossing', 'overtaking'"),
     ({"cuboid": [BOX], "num": named("yaw_rate_radps", 0.0) * 2}, f"{PLACE}.num: expected each name once"),
 ]
 
@@ -238,7 +221,7 @@ def test_the_kinds_of_motion_are_those_of_the_reference():
 
 
 def test_the_committed_schema_is_in_step():
-    assert (FOLDER / "openlabel-subset.schema.json").read_text() == schema_text()
+    assert json.loads((FOLDER / "openlabel-subset.schema.json").read_text()) == json_schema("annotations")
 
 
 def test_the_example_of_the_readme_is_valid(tmp_path):

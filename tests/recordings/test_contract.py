@@ -1,4 +1,4 @@
-"""The contract test finds each broken promise, and every adapter of ours passes it."""
+"""The contract test finds a broken promise, and every adapter of ours passes it."""
 
 import re
 from dataclasses import replace
@@ -7,15 +7,16 @@ from functools import partial
 import numpy as np
 import pytest
 
-from bench.errors import DataError
 from bench.lidar import LidarSweep
 from bench.plug_ins import imported
-from bench.recordings import ADAPTERS, RecordingHandle
+from bench.recordings import ADAPTERS, RecordingHandle, load_card, open_dataset
 from bench.recordings.contract import check_adapter
 from bench.recordings.native import open_native
 from bench.recordings.validation import FileModel, validated
 from tests.support import tiny
-from tests.support.data_sets import DATA_SETS
+from tests.support.data_sets import DATA_SETS, card_of
+
+MASKED = {"woodscape"}  # masks in place of lidar and annotated objects
 
 
 class Options(FileModel):
@@ -28,12 +29,12 @@ def root(tmp_path):
     return tmp_path / "data"
 
 
-def adapter_of(opener, *, names=("drive",)):
+def adapter_of(opener, *, names=("drive",), anywhere=False):
     """An adapter like a user's own: a few lines around a function that opens."""
 
     def listing(root, *, options, card, annotations):
         validated(Options, options, file=card, field="options")
-        if not (root / "drive").is_dir():
+        if not (anywhere or (root / "drive").is_dir()):
             return ()
         return tuple(RecordingHandle(name=name, opener=partial(opener, root / "drive")) for name in names)
 
@@ -74,7 +75,11 @@ def read_with_traceback(path, timestamp_ns):
 
 
 def read_at_another_time(path, timestamp_ns):
-    return LidarSweep(timestamp_ns=timestamp_ns + 1, points_lidar=np.full((3, 3), np.nan))
+    return LidarSweep(timestamp_ns=timestamp_ns + 1, points_lidar=np.zeros((3, 3)))
+
+
+def read_lost_returns(path, timestamp_ns):
+    return LidarSweep(timestamp_ns=timestamp_ns, points_lidar=np.full((3, 3), np.nan))
 
 
 def read_by(reader, sweeps, _):
@@ -85,50 +90,58 @@ def raises_key_error(root):
     raise KeyError("fx")
 
 
-def refuses(root):
-    raise DataError(root, expected="a calibration", got="none")
+def test_every_adapter_is_tried():
+    assert set(DATA_SETS) == set(ADAPTERS)
 
 
 @pytest.mark.parametrize("name", DATA_SETS)
-def test_our_adapters_keep_it(tmp_path, name):
-    (tmp_path / "set").mkdir()
-    options = DATA_SETS[name](tmp_path / "set")
-    check_adapter(imported(ADAPTERS[name], expected="an adapter"), tmp_path / "set", options=options)
+def test_our_adapters_keep_it_and_give_what_the_reference_needs(tmp_path, name):
+    (tmp_path / "data").mkdir()
+    options = DATA_SETS[name](tmp_path / "data")
+    check_adapter(imported(ADAPTERS[name], expected="an adapter"), tmp_path / "data", options=options)
+    (handle,) = open_dataset(load_card(card_of(tmp_path, name, options)))
+    recording, masked = handle.open(), name in MASKED
+    for camera in recording.cameras.values():
+        assert camera.ego_body.shape == (camera.model.height, camera.model.width)
+        times_ns = np.array([image.timestamp_ns for image in recording.images[camera.name]])
+        assert recording.trajectory.at(times_ns)[2].all()
+    for reference in recording.sweeps:
+        assert recording.trajectory.at(reference.read().times_ns)[2].all()
+    assert all(images[-1].moving_path is not None for images in recording.images.values()) == masked
+    assert bool(recording.sweeps) == bool(recording.tracks) != masked
+    assert recording.vehicle_outline_m.shape[1] == 2
 
 
 def test_an_adapter_of_ones_own_keeps_it(root):
     check_adapter(adapter_of(open_native), root)
 
 
-MISSING = "drive: sweeps: expected a DataError for a file that is missing, got FileNotFoundError"
 BROKEN = [
-    (adapter_of(partial(changed, name="other")), "drive: name: expected 'drive', as listed, got 'other'"),
-    (adapter_of(partial(changed, images=out_of_order)), "drive: images.front: expected times that increase"),
+    (adapter_of(partial(changed, name="other")), "name: expected 'drive', as listed, got 'other'"),
+    (adapter_of(partial(changed, images=out_of_order)), "images.front: expected times that increase"),
     (adapter_of(partial(changed, images=floats_for_times)), "expected times as int nanoseconds, got float"),
-    (adapter_of(partial(changed, images=outside)), "drive: images.front: expected files below"),
-    (adapter_of(partial(changed, tracks=twice)), "drive: tracks: expected each id once, got 'van' twice"),
-    (adapter_of(partial(changed, tracks=of_an_odd_class)), "drive: tracks, van: expected a class of pedestrian, cyc"),
-    (adapter_of(partial(changed, sweeps=partial(read_by, read_with_traceback))), MISSING),
-    (adapter_of(partial(changed, sweeps=partial(read_by, read_at_another_time))), "expected finite points, got NaN"),
+    (adapter_of(partial(changed, images=outside)), "images.front: expected files below"),
+    (adapter_of(partial(changed, tracks=twice)), "tracks: expected each id once, got ['van'] twice"),
+    (adapter_of(partial(changed, tracks=of_an_odd_class)), "tracks, van: expected a class of pedestrian, cyc"),
+    (adapter_of(partial(changed, sweeps=partial(read_by, read_with_traceback))),
+     "a file that is missing: expected a DataError, got FileNotFoundError"),
+    (adapter_of(partial(changed, sweeps=partial(read_by, read_lost_returns))), "expected finite points, got NaN"),
     (adapter_of(partial(changed, sweeps=partial(read_by, read_at_another_time))), "expected the time"),
-    (adapter_of(raises_key_error), "open: expected no error, or a DataError for a fault of the data, got KeyError"),
-    (adapter_of(refuses), "expected a calibration, got none"),
-    (adapter_of(open_native, names=("drive", "drive")), "listing: expected each name once, got 'drive' twice"),
+    (adapter_of(open_native, names=("drive", "drive")), "listing: expected each name once, got ['drive'] twice"),
     (adapter_of(lambda place: open_native(place)), "drive: handle: expected one that pickles"),
+    (lambda place, **_: (RecordingHandle(name="drive", opener=partial(open_native, place / "drive")),),
+     "options: one that does not exist: expected a DataError, got none"),
+    (adapter_of(open_native, anywhere=True),
+     "empty folder: expected no recordings or a DataError, got (RecordingHandle"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("adapter", "fault"), BROKEN, ids=[fault for _, fault in BROKEN])
-def test_each_broken_promise_is_told(root, adapter, fault):
-    with pytest.raises(AssertionError, match=f"the adapter breaks its contract:\n- (.*\n)*.*{re.escape(fault)}"):
+def test_a_broken_promise_is_told(root, adapter, fault):
+    with pytest.raises(AssertionError, match=re.escape(fault)):
         check_adapter(adapter, root)
 
 
-def test_an_adapter_that_takes_any_option_and_any_folder(root):
-    def eager(place, *, options, card, annotations):
-        return (RecordingHandle(name="drive", opener=partial(open_native, place / "drive")),)
-
-    with pytest.raises(AssertionError) as caught:
-        check_adapter(eager, root)
-    assert "options: expected a DataError for an option that does not exist, got none" in str(caught.value)
-    assert "empty folder: expected no recordings or a DataError, got (RecordingHandle" in str(caught.value)
+def test_what_an_adapter_raises_on_good_data_goes_through(root):
+    with pytest.raises(KeyError, match="fx"):
+        check_adapter(adapter_of(raises_key_error), root)

@@ -15,7 +15,6 @@ from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
 from bench.recordings.images import as_seen
-from bench.recordings.native import native_recordings
 from tests.support import tiny
 from tests.support.lenses import LENSES
 from tests.support.planting import change_head
@@ -83,7 +82,7 @@ def test_writing_twice_gives_the_same_bytes(tmp_path):
         assert (one / file).read_bytes() == (two / file).read_bytes(), file
 
 
-def test_evaluated_at_half_the_size(root):
+def test_evaluated_at_half_the_size_of_all_cameras_or_of_one(root):
     recording = open_native(root, evaluated_size_px=(32, 24))
     camera, image = recording.cameras["front"], recording.images["front"][0]
     assert (camera.model.width, camera.model.height) == (32, 24)
@@ -95,9 +94,6 @@ def test_evaluated_at_half_the_size(root):
     assert np.abs(read_image(image, camera) - means).max() <= 1.0
     assert read_image(image, camera, colour=True).shape == (24, 32, 3)
     assert set(np.unique(read_truth(image, camera))) == {0, 40_000}
-
-
-def test_each_camera_keeps_its_own_shape(root):
     assert open_native(root, evaluated_size_px={"rear": (10, 10)}).cameras["front"].model.width == 64
     assert open_native(root, evaluated_size_px={"front": (32, 24)}).cameras["front"].model.height == 24
     assert open_native(root, evaluated_size_px=(21, 16)).cameras["front"].model.height == 16  # 15.75
@@ -144,12 +140,10 @@ def change(root, path, value):
 FRONT = "cameras.front"
 MASK, MOUNT, SHUTTER = f"{FRONT}.ego_body_mask", f"{FRONT}.vehicle_from_camera", f"{FRONT}.rolling_shutter"
 INVERSE = {"quaternion_wxyz": [0.5, 0.5, -0.5, 0.5], "translation_m": [0.0, 0.7, -3.6]}
-LONG = {"quaternion_wxyz": [2.0, 0.0, 0.0, 0.0], "translation_m": [0.0, 0.0, 0.0]}
 OUTSIDE = f"{MASK}: expected a relative path without '..'"
 HEAD_FAULTS = [
     ("schema_version", 2, "schema_version: expected 1, got 2"),
     ("frame_interval_ns", 0, "frame_interval_ns: expected greater than 0, got 0"),
-    ("frame_interval_ns", 1.5, "frame_interval_ns: expected a valid integer, got 1.5"),
     ("licence", ..., "licence: expected a value, got nothing"),
     ("name", "drive-7", "name: expected 'drive', as its folder, got 'drive-7'"),
     ("colour", "red", "colour: expected no such key, got 'red'"),
@@ -157,19 +151,14 @@ HEAD_FAULTS = [
     (f"{FRONT}.model.model", "egg", f"{FRONT}.model.model: expected one of brown_conrady, double_sphere"),
     (f"{FRONT}.model.principal_point", [1.0], f"{FRONT}.model.principal_point: expected two numbers, got (1.0,)"),
     (f"{FRONT}.model.coefficients", ["a"], f"{FRONT}.model: expected numbers"),
-    (f"{FRONT}.model.xi", 1.0, f"{FRONT}.model"),
     (f"{FRONT}.model.width", 64, f"{FRONT}.model.width: expected no such key, got one; image_size says it"),
     (f"{MOUNT}.quaternion_wxyz", [1.0, 1.0, 0.0, 0.0], "quaternion_wxyz: expected a quaternion w, x"),
     (f"{MOUNT}.translation_m", [0.0, 0.0, -1.0], "expected a camera above the road"),
     (MOUNT, INVERSE, "-3.60 m; the inverse of the mounting stands 0.70 m above it: give vehicle_from_camera"),
-    ("lidar.vehicle_from_lidar.translation_m", [0.0, 1.0], "lidar.vehicle_from_lidar.translation_m"),
-    ("lidar.lidar_from_sensor", LONG, "quaternion_wxyz: expected a quaternion w, x, y, z of length 1"),
-    ("lidar.vehicle_from_beams", None, "lidar.vehicle_from_beams: expected no such key"),
     ("vehicle.outline_m", [[0.0, 0.0]], "vehicle.outline_m"),
     *((MASK, path, OUTSIDE) for path in ("../outside.png", "/etc/passwd", "a\\..\\b", "C:/x", "", "a\0b")),
     (MASK, "none.png", "none.png: expected an image file"),
     (SHUTTER, {"readout_s": 25.0}, "readout_s: expected less than or equal to 0.2, got 25.0"),
-    (SHUTTER, {"readout_s": 0.02, "direction": "in"}, "direction: expected 'down', 'up'"),
     ("cameras", {}, "cameras: expected"),
 ]
 
@@ -258,10 +247,10 @@ def test_a_byte_order_mark_changes_nothing(root, file):
     assert marked.trajectory.positions_m[-1] == pytest.approx([0.4, 0.0, 0.0], abs=1e-8)
 
 
-@pytest.mark.parametrize(("white", "bits"), [(1023, 10), (16383, 14)])
+@pytest.mark.parametrize("white", [1023, 16383])
 @pytest.mark.parametrize("colour", [False, True])
-def test_images_of_more_bits_are_read_by_their_white_level(root, white, bits, colour):
-    values = np.random.default_rng(bits).integers(0, white + 1, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint16)
+def test_images_of_more_bits_are_read_by_their_white_level(root, white, colour):
+    values = np.random.default_rng(white).integers(0, white + 1, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint16)
     for path in (root / "images/front").iterdir():
         cv2.imwrite(str(path), values)
     change_head(root, lambda head: head["cameras"]["front"].update(white_level=white))
@@ -274,27 +263,6 @@ def test_images_of_more_bits_are_read_by_their_white_level(root, white, bits, co
     before = image.stored.content()
     change_head(root, lambda head: head["cameras"]["front"].update(white_level=white + 1))
     assert open_native(root).images["front"][0].stored.content() != before
-
-
-def test_links_into_a_cache_are_followed_where_the_card_names_it(root, tmp_path):
-    """As DVC and Hugging Face store data: each file is a link to one that is called by its digest."""
-    cache = tmp_path / "cache"
-    cache.mkdir()
-    files = [path for path in root.rglob("*") if path.is_file()]
-    for number, path in enumerate(files):
-        path.rename(cache / f"{number:032x}")
-        path.symlink_to(cache / f"{number:032x}")
-
-    def handle(**options):
-        (found,) = native_recordings(root, options=options, card=tmp_path / "card.yaml", annotations=None)
-        return found
-
-    with pytest.raises(DataError, match="a link that leads outside"):
-        handle().open()
-    recording = handle(links_into=str(cache)).open()
-    assert np.array_equal(read_image(recording.images["front"][1], recording.cameras["front"]), tiny.pixels(1))
-    with pytest.raises(DataError, match=r"options\.links_into: expected a folder, got .*, which is missing"):
-        handle(links_into="../nowhere")
 
 
 def test_what_of_a_recording_is_read_and_what_is_not(root):

@@ -8,6 +8,7 @@ import shapely
 
 from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import Trajectory
+from bench.evaluation import load_protocol
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
 from bench.geometry.raster import Raster, rasterise
 from bench.lidar import LidarSweep
@@ -21,11 +22,11 @@ from bench.recordings import (
     SweepRef,
     Track,
 )
-from bench.records.reference import Limb, pixels_object
+from bench.records.reference import OBJECT_CLASSES, pixels_object
+from bench.records.rules import Limb
 from bench.reference import (
     Category,
     IgnoreReason,
-    MotionSettings,
     OutlineErrors,
     ReferenceBuilder,
     ReferenceFrame,
@@ -36,31 +37,12 @@ from bench.reference import (
 from bench.reference.regions import Region
 
 MS = 1_000_000
-SETTINGS = ReferenceSettings(
-    range_limit_m=8.0,
-    ground_clearance_m=0.05,
-    min_points=10,
-    min_polygon_px=20,
-    polygon_kind="convex",
-    concave_ratio=0.15,
-    classes=("pedestrian", "cyclist", "vehicle", "animal"),
-    categories=tuple(Category),
-    max_sweep_gap_ns=100 * MS,
-    max_annotation_gap_ns=100 * MS,
-    motion=MotionSettings(
-        static_below_mps=0.3,
-        hysteresis_low_mps=0.2,
-        hysteresis_high_mps=0.4,
-        min_run_ns=200 * MS,
-        smoothing_ns=300 * MS,
-        ego_static_below_mps=0.05,
-        crossing_from_rad=np.deg2rad(45),
-        crossing_to_rad=np.deg2rad(135),
-    ),
-)
+PAPER = load_protocol("paper-v1").reference
+MOTION = PAPER.motion.model_copy(update={"min_run_s": 0.2, "smoothing_s": 0.3})
+SETTINGS = PAPER.model_copy(update={"classes": OBJECT_CLASSES, "categories": tuple(Category), "motion": MOTION})
 
 LEGS = (Limb(joint=0.53, end=0.0, speed=2.0),)
-ERRORS = OutlineErrors(range_noise_m=0.02, angle_rad=0.002, position_m=0.007, limbs={"pedestrian": LEGS})
+ERRORS = OutlineErrors(range_noise_m=0.02, angle_deg=np.degrees(0.002), position_m=0.007, limbs={"pedestrian": LEGS})
 LENS = RadialPolynomialCamera(
     width=640, height=480, coefficients=(170.0, -16.0, 24.0, -3.6), principal_point=(319.5, 239.5), max_angle_rad=1.7
 )
@@ -209,7 +191,7 @@ def pixels_of(polygon, *, width=LENS.width, height=LENS.height) -> np.ndarray:
 
 
 def with_settings(**changes) -> ReferenceSettings:
-    return replace(SETTINGS, **changes)
+    return SETTINGS.model_copy(update=changes)
 
 
 def an_object(status: Status) -> ReferenceObject:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.geometry.raster import Raster
-from bench.records.reference import Limb
+from bench.records.rules import Limb
 from bench.reference import IgnoreReason, OutlineErrors, Status
 from bench.reference.bands import beyond_beam, pixels_per_radian, uncertain_region
 from bench.reference.grid import Beam
@@ -15,7 +15,7 @@ from bench.reference.scanned import Surface, limb_motion_m, outline_error_m
 from bench.reference.silhouette import Prism
 from tests.reference.drives import LENS, a_region, an_object
 
-NOTHING = OutlineErrors(range_noise_m=0.0, angle_rad=0.0, position_m=0.0, limbs={})
+NOTHING = OutlineErrors(range_noise_m=0.0, angle_deg=0.0, position_m=0.0, limbs={})
 VALID = np.ones((40, 60), dtype=bool)
 
 
@@ -123,17 +123,17 @@ def test_an_object_within_a_nearer_band_is_ignored():
     ("causes", "unknown_m", "sensor_m", "expected_m"),
     [
         ({}, 0.0, (0, 0, 0), 0.0),
-        ({"angle_rad": 0.01}, 0.0, (0, 0, 0), 0.05),
+        ({"angle_deg": np.degrees(0.01)}, 0.0, (0, 0, 0), 0.05),
         ({"position_m": 0.05}, 0.0, (0, 0, 0), 0.05),
         ({}, 0.05, (0, 0, 0), 0.05),
         ({"range_noise_m": 0.1}, 0.0, (0, 0, -3.0), 0.0),  # from behind the camera none of the noise is seen,
         ({"range_noise_m": 0.05}, 0.0, (9.0, 0, 5.0), 0.05),  # from the side at a right angle all of it,
         ({"range_noise_m": 0.05}, 0.0, (5.0 * np.tan(np.radians(30)), 0, 0), 0.025),  # at 30 degrees half of it
-        ({"angle_rad": 0.01, "position_m": 0.05}, 0.0, (0, 0, 0), 0.05 * 2**0.5),  # variances add up
+        ({"angle_deg": np.degrees(0.01), "position_m": 0.05}, 0.0, (0, 0, 0), 0.05 * 2**0.5),  # variances add up
     ],
 )
 def test_causes_of_uncertainty_of_a_return_5_m_away(causes, unknown_m, sensor_m, expected_m):
-    variance_m2, errors = np.array([unknown_m**2]), replace(NOTHING, **causes)
+    variance_m2, errors = np.array([unknown_m**2]), NOTHING.model_copy(update=causes)
     points = np.array([[0.0, 0.0, 5.0]])
     error_m = outline_error_m(points, sensor_camera=np.array(sensor_m), variance_m2=variance_m2, errors=errors)
     np.testing.assert_allclose(error_m, [expected_m], atol=1e-9)

@@ -227,9 +227,7 @@ def test_other_times_and_recordings_without_annotations_have_no_scores(annotated
 SEEDS = range(12)
 KINDS = {
     "convex": with_settings(min_points=200),  # of 400 on each object
-    "unknown bands": with_settings(
-        min_points=200, polygon_kind="surface-patches", clearance_above_shape=True, outline=ERRORS
-    ),
+    "unknown bands": with_settings(min_points=200, polygon_kind="surface-patches", unknown_band=ERRORS),
 }
 
 

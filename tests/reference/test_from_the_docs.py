@@ -1,4 +1,8 @@
-"""docs/metrics.md suffices: core and band of `surface-v1`, written from its steps in plain loops, are the builder's."""
+"""docs/metrics.md suffices: core and band of `surface-v1`, written from its steps in plain loops, are the builder's.
+
+What has a test of its own against other means is taken from the package: the beams of a sweep, the pixels of patches,
+a ray's way through a shape, and pixels per radian.
+"""
 
 from __future__ import annotations
 
@@ -12,51 +16,25 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
 from bench.evaluation import load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.reference import ReferenceBuilder
+from bench.reference.bands import pixels_per_radian
+from bench.reference.grid import Envelope, find_envelope
 from bench.reference.motion import AnnotationIndex
+from bench.reference.patches import MARGIN_PX, draw, union
 from bench.reference.scanned import ScannedObject
-from bench.reference.silhouette import silhouette
+from bench.reference.silhouette import Prism, silhouette
 
-RULES = load_protocol("surface-v1").reference_settings()
+RULES = load_protocol("surface-v1").reference
 LEFT, RIGHT, ABOVE, BELOW = range(4)
 OPPOSITE = [RIGHT, LEFT, BELOW, ABOVE]
 Array = NDArray[Any]
 
 
-def envelope(sweep: Array) -> tuple[Array, Array]:
-    """(offset, slope) of the lowest and of the highest beam."""
-    flat, beams = np.hypot(sweep[:, 0], sweep[:, 1]), []
-    z, flat = sweep[(flat >= 1) & (flat <= 1000), 2], flat[(flat >= 1) & (flat <= 1000)]
-    bins = np.floor(100 * np.log(flat)).astype(int)
-    usual = 0.0
-    for sign in (1, -1):
-        kept = []
-        for number in np.unique(bins):
-            rows = np.flatnonzero(bins == number)
-            rows = rows[np.argsort(-sign * z[rows] / flat[rows], kind="stable")][:6]
-            kept += [row for row in rows if sign * (z[rows[0]] / flat[rows[0]] - z[row] / flat[row]) * flat[row] < 0.01]
-        found = []
-        for offset in sorted(np.arange(-25, 26) / 50, key=lambda metres: (abs(metres - usual), sign * metres)):
-            slopes = (z[kept] - offset) / flat[kept]
-            last = sign * np.sort(sign * slopes)[-6:][0]
-            on_beam = np.abs(slopes - last) * flat[kept] < 0.01
-            found.append((len(np.unique(bins[kept][on_beam])), offset, last))
-        most = max(ranges for ranges, *_ in found)
-        _, *beam = found[0] if most < 10 else next(one for one in found if one[0] >= 0.95 * most)
-        usual = beam[0] / 2
-        beams.append(np.array(beam))
-    return beams[1], beams[0]
-
-
-def from_beams(points: Array, lowest: Array, highest: Array) -> Array:
+def from_beams(points: Array, beams: Envelope) -> Array:
     """Returns as seen from where their beams start."""
-    flat = np.hypot(points[:, 0], points[:, 1])
-    low, high = (offset + slope * flat for offset, slope in (lowest, highest))
-    starts = lowest[0] + np.clip((points[:, 2] - low) / (high - low), 0, 1) * (highest[0] - lowest[0])
-    return points - np.outer(starts, [0, 0, 1])
+    return points - np.outer(beams.starts_m(points), [0, 0, 1])
 
 
 def neighbours(points: Array, apart: float) -> SimpleNamespace:
@@ -130,22 +108,12 @@ def usual_row_steps(elevation: Array, lifts: Array, *, otherwise: float) -> Arra
 
 
 def painted(patches_world: Array, scanned: ScannedObject) -> Array:
-    """The pixels inside of quadrilaterals, (N, 4, 3), by winding numbers."""
-    covered = np.zeros(scanned.exposure.valid.shape, dtype=bool)
-    v, u = np.mgrid[: covered.shape[0], : covered.shape[1]]
-    for patch in patches_world:
-        corners = scanned.exposure.project(patch)
-        if not np.isfinite(corners).all():
-            continue
-        (u0, v0), (u1, v1) = np.maximum(corners.min(axis=0), 0).astype(int), np.maximum(corners.max(axis=0) + 2, 0)
-        window = slice(v0, int(v1)), slice(u0, int(u1))
-        winding = np.zeros(covered[window].shape, dtype=int)
-        for (ua, va), (ub, vb) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            if va != vb:
-                crossing = (v[window] >= va).astype(int) - (v[window] >= vb)
-                winding += crossing * (u[window] >= ua + (v[window] - va) * (ub - ua) / (vb - va))
-        covered[window] |= winding != 0
-    return covered
+    """The pixels inside of quadrilaterals, (N, 4, 3)."""
+    counts, (left, top) = draw(patches_world.T, scanned.exposure)
+    around = np.zeros(np.add(scanned.exposure.valid.shape, 2 * MARGIN_PX), dtype=bool)
+    (rows, columns), (top, left) = counts.shape[1:], (top + MARGIN_PX, left + MARGIN_PX)
+    around[top : top + rows, left : left + columns] = union(counts)
+    return around[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
 
 
 def closed(covered: Array, *, solid: bool) -> Array:
@@ -166,14 +134,14 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     shape, points = scanned.parts_world, scanned.cluster.points_world
     sensor_from_lidar = placed.lidar_from_sensor.inverse()
     times_ns, sweep = placed.times_ns[scanned.cluster.rows], sensor_from_lidar.apply(placed.sweep.points_lidar)
-    beams = envelope(sweep)
-    sensed = from_beams(sweep[scanned.cluster.rows], *beams)
+    beams = find_envelope(sweep)
+    sensed = from_beams(sweep[scanned.cluster.rows], beams)
     pose = int(np.searchsorted(placed.interpolation_ns, np.median(times_ns)))
     rotation = placed.rotations[pose] @ placed.lidar_from_sensor.rotation
     sensor = placed.rotations[pose] @ placed.lidar_from_sensor.translation_m + placed.positions_m[pose]
 
     # Patches.
-    grid = neighbours(sensed, abs(beams[0][0] - beams[1][0]))
+    grid = neighbours(sensed, beams.starts_apart_m)
     step = grid.steps @ rotation.T
     reach = np.where(grid.linked[..., None], points[grid.neighbours] - points, step / 2)
     bottom, top, own = shape[..., 2].min(), shape[..., 2].max(), sensed[:, 2] / np.hypot(sensed[:, 0], sensed[:, 1])
@@ -210,10 +178,11 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     unseen = below_and_above(scanned, sensor, rotation, beams)
     lines = (patches + np.roll(patches, -1, axis=1)) / 2
     rays = sensed @ rotation.T / np.linalg.norm(sensed, axis=1)[:, None]
+    leave = Prism.around(shape).ways_m(points, rays)[1]
     swept = [
         np.array([one, other, other + way, one + way])
-        for k in np.flatnonzero((grid.neighbours < 0).any(axis=0))
-        for way in [max(ways(points[k], rays[k], shape)[1], 0.0) * rays[k]]
+        for k in np.flatnonzero(~grid.linked.all(axis=0))
+        for way in [max(leave[k], 0.0) * rays[k]]
         for one, other in (lines[k][[3, 1]], lines[k][[0, 2]])
     ]
     shadow = closed(painted(np.array(swept).reshape(-1, 4, 3), scanned), solid=False)
@@ -225,7 +194,7 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
 
 
 def outline_error(scanned: ScannedObject, sensor: Array, times_ns: Array, bottom: float, top: float) -> Array:
-    camera_from_world, errors = scanned.exposure.camera_from_world, RULES.outline
+    camera_from_world, errors = scanned.exposure.camera_from_world, RULES.unknown_band
     rays, lidar = camera_from_world.apply(scanned.cluster.points_world), camera_from_world.apply(sensor)
     away_m, beams = np.linalg.norm(rays, axis=1), rays - lidar
     parallax = np.linalg.norm(np.cross(rays, beams), axis=1) / (away_m * np.linalg.norm(beams, axis=1))
@@ -239,14 +208,12 @@ def outline_error(scanned: ScannedObject, sensor: Array, times_ns: Array, bottom
     along = camera_from_world.rotate(velocity / speed_mps) if speed_mps else np.zeros(3)
     across = np.linalg.norm(np.cross(rays / away_m[:, None], along), axis=1)
     limbs_m = peak * speed_mps * late_s / np.sqrt(2) * across
-    parts = (errors.angle_rad * away_m, errors.position_m, errors.range_noise_m * parallax, limbs_m)
+    parts = (np.radians(errors.angle_deg) * away_m, errors.position_m, errors.range_noise_m * parallax, limbs_m)
     return np.sqrt(sum(np.square(part) for part in parts))
 
 
 def nearest_width(scanned: ScannedObject, error_m: Array) -> Array:
-    rays = ray_grid(scanned.exposure.camera.model).rays_camera
-    solid_angle = np.linalg.norm(np.cross(np.gradient(rays, axis=1), np.gradient(rays, axis=0)), axis=2)
-    per_radian = np.where(np.isfinite(solid_angle), solid_angle**-0.5, np.nanmedian(solid_angle**-0.5))
+    per_radian = pixels_per_radian(scanned.exposure.camera.model)
     u, v = np.rint(scanned.pixels[scanned.inside]).astype(int).T
     away_m = np.linalg.norm(scanned.exposure.camera_from_world.apply(scanned.cluster.points_world), axis=1)
     squares, number = np.zeros(per_radian.shape), np.zeros(per_radian.shape)
@@ -259,7 +226,7 @@ def nearest_width(scanned: ScannedObject, error_m: Array) -> Array:
     return values[label]
 
 
-def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, beams: tuple[Array, Array]) -> Array:
+def below_and_above(scanned: ScannedObject, sensor: Array, rotation: Array, beams: Envelope) -> Array:
     bodies, found = [], np.zeros(scanned.exposure.valid.shape, dtype=bool)
     for corners in (scanned.parts_world - sensor) @ rotation:
         ends, ring = (corners[:, 2].min(), corners[:, 2].max()), shapely.MultiPoint(corners[:, :2]).convex_hull.exterior
@@ -282,7 +249,7 @@ def silence(
     scanned: ScannedObject,
     sensor: Array,
     rotation: Array,
-    beams: tuple[Array, Array],
+    beams: Envelope,
     sweep: Array,
     grid: SimpleNamespace,
 ) -> Array:
@@ -295,22 +262,25 @@ def silence(
         azimuth = (np.arctan2(seen[:, 1], seen[:, 0]) - middle + np.pi) % (2 * np.pi) - np.pi
         return azimuth, np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
 
-    own_azimuth, own_elevation = directions(from_beams(own, *beams))
+    own_azimuth, own_elevation = directions(from_beams(own, beams))
 
     def ray(azimuth: float, elevation: float) -> tuple[Array, Array]:
         turned = azimuth + middle
         along = np.array([np.cos(elevation) * np.cos(turned), np.cos(elevation) * np.sin(turned), np.sin(elevation)])
-        start = np.array([0, 0, (along - from_beams(1000 * along[None], *beams)[0] / 1000)[2] * 1000])
+        start = np.array([0, 0, beams.starts_m(1000 * along[None])[0]])
         return rotation @ start + sensor + moved[np.argmin(np.abs(own_azimuth - azimuth))], rotation @ along
 
+    prism = Prism.around(shape, clearance_m=RULES.ground_clearance_m)
+
     def ways_of(azimuth: float, elevation: float) -> tuple[float, float]:
-        return ways(*ray(azimuth, elevation), shape, clearance_m=RULES.ground_clearance_m)
+        (enter,), (leave,) = prism.ways_m(*(vector[None] for vector in ray(azimuth, elevation)))
+        return enter, leave
 
     corners = (shape.reshape(-1, 3) - moved.mean(axis=0) - sensor) @ rotation - [0, 0, (low + high) / 2]
     (least_azimuth, most_azimuth), (least, most) = ((angle.min(), angle.max()) for angle in directions(corners))
     least, most = max(least, np.arctan(low_slope)), min(most, np.arctan(high_slope))
     column, row = grid.column_rad, np.median(grid.row_step)
-    seen = from_beams(sweep, *beams)
+    seen = from_beams(sweep, beams)
     azimuth, elevation = directions(seen)
     own_rows = set(scanned.cluster.rows.tolist())
     near = (azimuth > least_azimuth - 2 * column) & (azimuth < most_azimuth + 2 * column)
@@ -334,23 +304,6 @@ def silence(
             sides = [[front[k], front[k - 1], back[k - 1], back[k]] for k in range(4)]
             faces += [front, back, *sides]
     return closed(painted(np.array(faces).reshape(-1, 4, 3), scanned), solid=False)
-
-
-def ways(start: Array, along: Array, shape: Array, *, clearance_m: float = 0.0) -> tuple[float, float]:
-    """Distances at which a ray enters and leaves the upright prism around a shape."""
-    ring = shapely.get_coordinates(shapely.orient_polygons(shapely.MultiPoint(shape.reshape(-1, 3)[:, :2]).convex_hull))
-    planes = [((y1 - y0, x0 - x1, 0.0), (x0, y0, 0.0)) for (x0, y0), (x1, y1) in pairwise(ring)]
-    bottom, top = shape[..., 2].min() + clearance_m, shape[..., 2].max()
-    enter, leave = -np.inf, np.inf
-    for normal, place in (*planes, ((0, 0, -1.0), (0, 0, bottom)), ((0, 0, 1.0), (0, 0, top))):
-        speed, room = along @ normal, (place - start) @ normal
-        if speed < 0:
-            enter = max(enter, room / speed)
-        elif speed > 0:
-            leave = min(leave, room / speed)
-        elif room < 0:
-            return np.inf, -np.inf
-    return enter, leave
 
 
 @pytest.mark.parametrize("name", ["crossing", "overtaking"])

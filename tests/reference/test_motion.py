@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -92,5 +90,5 @@ def test_smoothing_removes_jitter_but_the_points_use_the_annotation_itself():
 
 def test_smoothing_takes_as_much_from_before_as_from_after_both_ends_of_the_window_included():
     still = circle(0.0, 0.0)
-    motion = track_motion(track_of(np.eye(10)[5], still), still, replace(MOTION, smoothing_ns=400 * MS))
+    motion = track_motion(track_of(np.eye(10)[5], still), still, MOTION.model_copy(update={"smoothing_s": 0.4}))
     np.testing.assert_allclose(motion.smooth_world_mps[:, 0], [0, 0, 0, 0.2, 0.2, 0.2, 0.2, 0.2, 0, 0])

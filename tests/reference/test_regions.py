@@ -185,7 +185,7 @@ def test_a_scanned_wall_is_evaluated_within_its_polygon_and_a_band_takes_from_it
     np.testing.assert_array_equal(frame.labels == 1, pixels_of(wall.polygon) & frame.valid)
     assert overlap(wall.polygon, truth) > 0.8
     assert not frame.ignored.any()
-    banded = frame_of(recording, kind, outline=replace(ERRORS, limbs={"vehicle": LEGS}))
+    banded = frame_of(recording, kind, unknown_band=ERRORS.model_copy(update={"limbs": {"vehicle": LEGS}}))
     (uncertain,) = banded.objects
     assert uncertain.region_px < pixels_of(truth).sum()
     assert uncertain.region_px + uncertain.unknown_px > wall.region_px

@@ -25,7 +25,7 @@ from tests.reference.drives import (
 )
 from tests.support.limits import memory_below
 
-SURFACE = with_settings(polygon_kind="surface-patches", clearance_above_shape=True, outline=ERRORS)
+SURFACE = with_settings(polygon_kind="surface-patches", unknown_band=ERRORS)
 
 
 @pytest.fixture
@@ -85,7 +85,10 @@ def test_a_sparser_lidar_has_a_wider_band():
 
 def test_limbs_and_times_that_nobody_tells_widen_the_band(wall):
     late = replace(wall, images={"front": (replace(wall.images["front"][0], timestamp_ns=50_000_000),)})
-    walker, still = with_class(late, "pedestrian"), replace(SURFACE, outline=replace(ERRORS, limbs={}))
+    walker, still = (
+        with_class(late, "pedestrian"),
+        SURFACE.model_copy(update={"unknown_band": ERRORS.model_copy(update={"limbs": {}})}),
+    )
     solid_px, still_px = object_of(late).unknown_px, object_of(walker, still).unknown_px
     assert object_of(walker).unknown_px > still_px >= solid_px
     # A second sweep tells how long a revolution takes: without times of points, when in it was the wall met?
@@ -111,7 +114,7 @@ def test_a_box_that_is_tight_by_centimetres_keeps_its_noisy_returns(wall, shape)
     exact = annotated_as(wall, "cuboid") if shape == "cuboid" else wall
     shares = []
     for margin_m in (0.0, 0.05):
-        settings = replace(SURFACE, shape_margin_m=margin_m)
+        settings = SURFACE.model_copy(update={"shape_margin_m": margin_m})
         shares.append(object_of(with_points(exact, noisy), settings).points / object_of(exact, settings).points)
     assert shares[0] < 0.75
     assert shares[1] > 0.98
@@ -145,8 +148,8 @@ def test_points_near_the_ground_on_which_an_object_stands_are_no_part_of_any_kin
     upwards = RigidTransform(np.eye(3), np.array([0.0, 0.0, 0.12]))
     recording = with_state(wall, shape=replace(box, vehicle_from_object=upwards @ box.vehicle_from_object))
     lowest_m = []
-    for above_shape in (False, True):
-        settings = with_settings(polygon_kind=kind, clearance_above_shape=above_shape, ground_clearance_m=0.1)
+    for above_shape in ("road", "shape"):
+        settings = with_settings(polygon_kind=kind, ground_clearance_above=above_shape, ground_clearance_m=0.1)
         builder = ReferenceBuilder(recording, "front", settings)
         points = builder.geometry("object-0", recording.images["front"][0]).cluster_vehicle
         lowest_m.append(points[:, 2].min())
@@ -243,3 +246,25 @@ def test_sweeps_of_two_lidars_in_one_are_certain_of_less_but_not_wrong(apart_m: 
     for _, outside, left_out in (vehicle, pedestrian):
         assert outside == 0.0
         assert left_out < 0.02
+
+
+def test_the_underside_of_a_floor_that_only_the_camera_sees_is_unknown():
+    """A flank 6 m ahead ends 1.2 m above the road; below it the lidar meets a recess 1.5 m deeper, without a gap
+    between rows. The camera is lower than the lidar: below the edge it sees the floor.
+    """
+    wall, _ = wall_recording(width_m=2.0, away_m=6.0)
+    points, box = wall.sweeps[0].read().points_lidar, wall.tracks[0].states[0].shape
+    ahead_m, _, height_m = wall.vehicle_from_lidar.apply(points).T
+    starts_m = wall.vehicle_from_lidar.translation_m[0]
+    deeper = (height_m < 1.2) & (np.abs(ahead_m - 6.0) < 0.01)
+    recessed = np.where(deeper[:, None], points * (7.5 - starts_m) / (6.0 - starts_m), points)
+    middle = RigidTransform(np.eye(3), np.array([0.8, 0.0, 0.0]))
+    long = replace(
+        box,
+        size_m=box.size_m + np.array([1.6, 0.0, 0.0]),
+        vehicle_from_object=middle @ box.vehicle_from_object,
+    )
+    frame = reference_of(with_state(with_points(wall, recessed), shape=long), SURFACE)
+    floor = upright_area(shapely.box(-0.2, 1.14, 1.0, 1.18), 6.0)
+    assert floor.sum() > 40
+    assert frame.unknown[floor].mean() > 0.95

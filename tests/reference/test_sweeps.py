@@ -216,6 +216,11 @@ def test_between_two_blocks_of_lasers_no_return_is_missing():
         above = find_grid(wall, starts_apart_m=apart_m).neighbours[UP]
         bridged.append(np.count_nonzero(~of_upper & (above >= 0) & of_upper[above]))
     assert bridged == [0, len(y)]
+    behind = np.array([20.0, 0.0, 20.0 * np.tan(np.radians(-8.6))])  # a beam that went through, in the middle column
+    (middle,) = find_grid(wall, starts_apart_m=envelope.starts_apart_m, others_sensor=behind[None]).neighbours[UP][
+        ~of_upper & (above >= 0) & of_upper[above] & (np.abs(wall[:, 1]) < 1e-9)
+    ]
+    assert middle == -1
 
 
 @needs_real

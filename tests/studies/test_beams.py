@@ -1,4 +1,4 @@
-"""Fewer beams: rings of a wall that can be counted by hand, then whole audits of thinned sweeps."""
+"""Fewer beams: rings that can be counted by hand, then a whole study of thinned sweeps."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bench.errors import DataError
 from bench.evaluation import load_protocol
+from bench.execution import SerialExecutor
 from bench.harness import build_scorable
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
-from bench.reference.grid import Grid, find_grid
-from benchmarks.ranking.__main__ import main
-from benchmarks.ranking.beams import BeamsSummary, count_beams, with_beams
-from benchmarks.ranking.beams_report import beams_table
+from benchmarks.ranking.beams import count_beams, run_beams, with_beams
+from benchmarks.ranking.beams_report import beams_table, write_beams_files
+from benchmarks.ranking.predictions import parse_predictions
 from tests.reporting.printed import texts
 from tests.support.runs import run_one
 
-RINGS, COLUMNS, ROW_STEP_RAD = 16, 12, 0.005
+RINGS, COLUMNS = 16, 12
 
 
 @pytest.fixture(scope="module")
@@ -30,14 +31,11 @@ def drive(tiny_card: Path) -> Recording:
 
 
 def wall(_path: Path, timestamp_ns: int) -> LidarSweep:
-    """A wall square to the middle of 16 rings, 5 mrad apart, the first on top."""
+    """A wall 6 m away by 16 rings of 12 returns."""
     ring, column = (values.ravel() for values in np.mgrid[:RINGS, :COLUMNS])
-    azimuth, elevation = 0.003 * column, -ROW_STEP_RAD * ring
-    flat = np.cos(elevation)
-    rays = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
     return LidarSweep(
         timestamp_ns=timestamp_ns,
-        points_lidar=6 * rays,
+        points_lidar=np.column_stack([np.full(len(ring), 6.0), 0.02 * column, 0.03 * ring]),
         time_offset_ns=1000 * column,
         intensity=(ring / RINGS).astype(np.float32),
         ring=ring.astype(np.uint8),
@@ -65,19 +63,6 @@ def test_rings_are_left_out_evenly_and_whole(drive, beams, rings):
     assert recording.sweeps[0].read().ring.max() == RINGS - 1  # the recording itself keeps all
 
 
-def links_up_and_down(grid: Grid) -> np.ndarray:
-    return grid.certain[2:].sum(axis=1)
-
-
-@pytest.mark.parametrize("beams", [16, 8, 4])
-def test_gaps_are_told_by_the_rows_that_remain(drive, beams):
-    """The next ring is the neighbour without a missing return, however far away: as of a sensor with so many beams."""
-    grid = find_grid(with_beams(before(drive), beams, of=RINGS).sweeps[0].read().points_lidar)
-    assert grid.row_step_rad == pytest.approx(ROW_STEP_RAD * RINGS / beams, rel=1e-6)
-    assert grid.column_step_rad == pytest.approx(0.003, rel=1e-6)
-    assert links_up_and_down(grid).tolist() == [COLUMNS * (beams - 1)] * 2
-
-
 def test_what_cannot_be_thinned_is_refused(drive):
     def without_rings(path: Path, timestamp_ns: int) -> LidarSweep:
         return replace(wall(path, timestamp_ns), ring=None)
@@ -94,43 +79,30 @@ def test_what_cannot_be_thinned_is_refused(drive):
 
 
 @pytest.fixture(scope="module")
-def found(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> BeamsSummary:
-    out = tmp_path_factory.mktemp("beams")
-    words = (tiny_card, "--beams", "32,8,1", "--methods", "truth,truth:grow_px=30", "--workers", 1, "--out", out)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("sys.argv", ["ranking", *map(str, words)])
-        main()
-    found = BeamsSummary.model_validate_json((out / "beams.json").read_bytes())
-    text = (out / "beams.md").read_text()
-    assert all(f"| {' | '.join(row)} |" in text for row in texts(beams_table(found)))
-    assert all((out / f"beams.{suffix}").stat().st_size > 100 for suffix in ("png", "svg"))
-    return found
-
-
-def rows_of(found: BeamsSummary, name: str = "all") -> list:
-    return [row for row in found.rows if row.object_class == name]
+def found(tiny_card: Path, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    predictions = parse_predictions("truth,truth:grow_px=30")
+    named = {"split": None, "recordings": None, "executor": SerialExecutor(), "progress": None}
+    beams = run_beams(load_card(tiny_card), beams=(32, 8, 1), predictions=predictions, **named)
+    assert beams.stored.failures == ()
+    table, *pictures = write_beams_files(tmp_path_factory.mktemp("beams"), beams)
+    assert all(f"| {' | '.join(row)} |" in table.read_text() for row in texts(beams_table(beams)))
+    assert all(picture.stat().st_size > 100 for picture in pictures)
+    return beams.rows[beams.rows["object_class"] == "all"].set_index("beams")
 
 
 def test_the_whole_sensor_comes_first_and_scores_exact_masks_as_a_run_does(found, tiny_card, tmp_path):
-    assert found.failures == ()
-    whole, *fewer = rows_of(found)
-    assert [row.beams for row in (whole, *fewer)] == [64, 32, 8, 1]
-    run = run_one(
-        card=load_card(tiny_card),
-        method=build_scorable("truth"),
-        protocol=load_protocol("surface-v1"),
-        out=tmp_path / "run",
-    )
-    assert (whole.object_frames, whole.recordings, whole.lost) == (run.all_moving.object_frames, 3, 0)
-    assert whole.ceiling == pytest.approx(run.all_moving.iou.value)
-    assert whole.unknown_share == pytest.approx(run.all_moving.metric("unknown_share").value)
+    assert [*found.index] == [64, 32, 8, 1]
+    whole, protocol = found.loc[64], load_protocol("surface-v1")
+    run = run_one(card=load_card(tiny_card), method=build_scorable("truth"), protocol=protocol, out=tmp_path / "run")
+    assert (whole["object_frames"], whole["recordings"], whole["lost"]) == (run.all_moving.object_frames, 3, 0)
+    assert whole["ceiling"] == pytest.approx(run.all_moving.iou.value)
+    assert whole["unknown_share"] == pytest.approx(run.all_moving.metric("unknown_share").value)
 
 
 def test_fewer_beams_tell_less(found):
-    whole, half, eighth, single = rows_of(found)
-    assert whole.in_core > half.in_core > eighth.in_core
-    assert {row.object_frames + row.lost for row in (half, eighth, single)} == {whole.object_frames}
-    assert whole.unknown_share < half.unknown_share < eighth.unknown_share
-    assert whole.ceiling > eighth.ceiling > 0.5
-    assert [row.tau.value for row in (whole, half)] == pytest.approx([1, 1])
-    assert single.lost > eighth.lost  # one ring gives hardly an object ten returns
+    assert found["in_core"][[64, 32, 8]].is_monotonic_decreasing
+    assert found["unknown_share"][[64, 32, 8]].is_monotonic_increasing
+    assert {*(found["object_frames"] + found["lost"])} == {found.loc[64, "object_frames"]}
+    assert found.loc[64, "ceiling"] > found.loc[8, "ceiling"] > 0.5
+    assert [tau.value for tau in found["tau"][[64, 32]]] == pytest.approx([1, 1])
+    assert found.loc[1, "lost"] > found.loc[8, "lost"]  # one ring gives hardly an object ten returns

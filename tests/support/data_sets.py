@@ -1,5 +1,7 @@
 """A small data set for every adapter."""
 
+from bench.plug_ins import imported
+from bench.recordings import ADAPTERS
 from tests.support import log123d, tiny, tiny_aimotive, tiny_kitti360, tiny_kitti_raw, tiny_rosbag, tiny_woodscape
 from tests.support.cards import write_card
 
@@ -28,6 +30,15 @@ DATA_SETS = {
     "rosbag": by(tiny_rosbag),
     "123d": by(log123d),
 }
+
+
+def opened(adapter, root, *, annotations=None, **options):
+    """The one recording of a folder, by these options of the adapter."""
+    listing = imported(ADAPTERS[adapter], expected="an adapter")
+    (handle,) = listing(root, options=options, card=root / "card.yaml", annotations=annotations)
+    return handle.open()
+
+
 LABELLED_APART = {"rosbag"}  # annotations only beside the data
 
 

@@ -1,7 +1,5 @@
 """Plant mistakes into recordings in the native format: change what the files say, as people get it wrong."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable

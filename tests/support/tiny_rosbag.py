@@ -3,8 +3,6 @@
 The scene is that of `tiny`: the same camera, pixels, points and objects, told in messages.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

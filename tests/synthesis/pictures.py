@@ -1,7 +1,5 @@
 """Renderers of small worlds that no recording holds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from bench.cameras import CameraModel

@@ -1,7 +1,5 @@
 """Bodies: closed solids of everyday size, linkages, and feet that stay where they stand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

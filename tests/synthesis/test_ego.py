@@ -1,7 +1,5 @@
 """The ego vehicle as its own cameras see it, what the bus makes of a drive, and where the sensors really sit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path as FilePath
 

@@ -1,7 +1,5 @@
 """The exact flow against what geometry says by other ways."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import yaml

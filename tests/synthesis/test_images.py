@@ -1,7 +1,5 @@
 """Images agree with the cameras' own projection, depend on their own scene alone, and err as lens and sensor state."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Light and shadow of rendered images, checked where the answer is known by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

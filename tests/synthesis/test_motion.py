@@ -1,7 +1,5 @@
 """Motion in the plane, and the ego vehicle's body on its springs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path as FilePath
 

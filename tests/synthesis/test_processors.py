@@ -1,7 +1,5 @@
 """A recording has the same bytes on every processor: libraries are told to use the instructions of another one."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

@@ -1,7 +1,5 @@
 """Files of a recording agree with each other: lidar, annotations, truth and ego-motion."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

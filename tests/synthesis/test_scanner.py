@@ -1,7 +1,5 @@
 """Lidar sweeps: beams, times, lost pulses, and the way back to the surfaces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scenario files: what is told of a fault, draws of a series, and bodies that overlap."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

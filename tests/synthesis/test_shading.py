@@ -1,7 +1,5 @@
 """Motion blur, the light of lamps, and texture, by numbers done by hand."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numba

@@ -1,7 +1,5 @@
 """The static world: what is solid keeps clear of what moves, and the ground is where the plan says."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

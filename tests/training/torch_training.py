@@ -5,6 +5,7 @@ It is no part of the other tests, since PyTorch takes a gigabyte; a job of its o
 
 import json
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pandas as pd
@@ -18,9 +19,9 @@ from bench.methods import build_method
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.recordings import load_card
 from bench.synthesis.production import read_scenario
-from bench.training.network import MotionNetwork
+from bench.training.network import MotionNetwork, begin_with
 from bench.training.pairs import prepare
-from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, main, small_weight, train
+from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, loss_of_bodies, main, small_weight, train
 from benchmarks.ablation import KINDS, Drives, of_kind, score, seen_drives, tables, variants
 from tests.conftest import DATASETS
 
@@ -48,6 +49,33 @@ def test_the_network_is_small_and_answers_at_the_fine_size(without):
     coarse = torch.zeros(2, len(plan.coarse), 48, 64, dtype=torch.uint8)
     fine = torch.zeros(2, len(plan.fine), 96, 128, dtype=torch.uint8)
     assert network(coarse, fine).shape == (2, 96, 128)
+
+
+def test_attention_carries_what_one_end_of_the_image_shows_to_the_other():
+    network = MotionNetwork(len(COARSE), len(FINE)).eval()
+    torch.nn.init.normal_(network.attention.told.weight)
+    values = torch.randn(1, 96, 3, 40)
+    changed = values.clone()
+    changed[..., 0] += 1
+    with torch.no_grad():
+        difference = (network.attention(changed) - network.attention(values)).abs()
+    assert difference[..., -1].max() > 1e-4
+
+
+def test_bodies_are_asked_for_at_the_two_coarsest_sizes():
+    network = MotionNetwork(len(COARSE), len(FINE))
+    coarse = torch.zeros(2, len(COARSE), 48, 64, dtype=torch.uint8)
+    fine = torch.zeros(2, len(FINE), 96, 128, dtype=torch.uint8)
+    logits, bodies = network.with_bodies(coarse, fine)
+    assert [tuple(body.shape) for body in bodies] == [(2, 3, 4), (2, 6, 8)]
+    target, weight = torch.zeros(2, 96, 128), torch.ones(2, 96, 128)
+    target[:, :, 64:] = 1
+    right = [
+        torch.where(torch.arange(body.shape[2]) >= body.shape[2] / 2, 9.0, -9.0).expand(body.shape) for body in bodies
+    ]
+    assert loss_of_bodies(right, target, weight).max() < 0.05
+    assert loss_of_bodies([-body for body in right], target, weight).min() > 1
+    assert logits.shape == target.shape
 
 
 def test_batches_follow_from_seed_epoch_and_losses(drives):
@@ -133,6 +161,25 @@ def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path)
         given = (torch.from_numpy(part[None].copy()) for part in (channels.coarse, channels.fine))
         expected = torch.sigmoid(network(*given))[0].numpy()
     np.testing.assert_allclose(method.scores(channels), expected, atol=1e-4)
+
+
+def test_training_begins_with_the_answers_of_an_exported_network(drives, tmp_path):
+    less = replace(PLAN, epochs=1, without=("scene",))
+    exported, *reached = train(less, drives, drives[:1], tmp_path)
+    export(exported, less, *reached, provenance={}, out=tmp_path)
+    batches = Batches(drives, PLAN)
+    crops, unseen = islice(batches.epoch(0, np.ones(batches.images)), 2)
+    network = MotionNetwork(len(COARSE), len(FINE))
+    shown = {"coarse": COARSE, "fine": FINE}
+    begin_with(network, tmp_path / "learned.onnx", shown, (crops.coarse, crops.fine))
+    seen = [COARSE.index(name) for name in less.coarse]
+    with torch.no_grad():
+        expected = exported(unseen.coarse[:, seen], unseen.fine)
+        torch.testing.assert_close(network(unseen.coarse, unseen.fine), expected, atol=1e-3, rtol=1e-3)
+        begun = [norm for norm in network.modules() if isinstance(norm, torch.nn.BatchNorm2d)]
+        assert min(norm.weight.min() for norm in begun) > 0  # normalised by what they answer
+    with pytest.raises(UsageError, match="expected channels that the network is shown, got road_seen, texture"):
+        begin_with(network, tmp_path / "learned.onnx", shown | {"coarse": less.coarse[:-2]}, (crops.coarse, crops.fine))
 
 
 def test_the_command_tells_which_channels_can_be_left_out(tmp_path):

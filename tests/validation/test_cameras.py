@@ -101,6 +101,14 @@ def late(flows, milliseconds):
     ]
 
 
+def test_a_camera_turned_by_3_degrees_is_told(monkeypatch, root, flows):
+    turn = Rotation.from_rotvec([-0.2, 0.0, 0.0]) * Rotation.from_euler("y", 3, degrees=True)
+    change_mounting(root, quaternion_wxyz=drive.quaternion_wxyz(tiny.FRONT, turn))
+    finding = verdict(monkeypatch, root, flows)
+    assert finding.check == "camera-calibration"
+    assert re.search("3.0 .* degrees to its right", finding.got), finding.got
+
+
 def test_a_right_camera_passes(monkeypatch, street, flows):
     assert cameras.check_cameras in [check for check, _ in CHECKS]
     assert verdict(monkeypatch, street, flows) is None

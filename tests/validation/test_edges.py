@@ -95,22 +95,29 @@ def test_the_outline_of_the_own_body_is_no_edge():
     assert np.abs(offsets[:, 2 * HEIGHT // 3 - MARGIN_PX]).max(axis=-1).min() >= FARTHEST_PX
 
 
+CLEAN = Fit(
+    values=np.zeros(14), sigmas=np.ones(14), pair_errors=np.zeros((1, 6)), losses=np.array([1.0]), cost=100.0,
+    share=1.0, residual_px=0.4, scale_px=0.4,
+)  # fmt: skip
+
+
 def test_edges_against_flow_tell_nothing():
     """A fit by which flow is clearly worse is no cause, however well edges meet."""
-    clean = Fit(
-        values=np.zeros(14),
-        sigmas=np.ones(14),
-        pair_errors=np.zeros((1, 6)),
-        losses=np.array([1.0]),
-        cost=100.0,
-        share=1.0,
-        residual_px=0.1,
-        scale_px=0.2,
-    )
-    assert cameras._explains("rotation", replace(clean, losses=np.array([4.0]), cost=80.0), clean)
-    assert not cameras._explains("rotation", replace(clean, losses=np.array([6.0]), cost=80.0), clean)
-    assert not cameras._explains("rotation", replace(clean, losses=np.array([0.9]), cost=95.0), clean)
-    assert not cameras._explains("position", replace(clean, losses=np.array([0.9]), cost=85.0), clean)
+    for cause, loss, cost, told in (
+        ("rotation", 4.0, 80.0, True), ("rotation", 6.0, 80.0, False),
+        ("rotation", 0.9, 95.0, False), ("position", 0.9, 85.0, False),
+    ):  # fmt: skip
+        assert cameras._explains(cause, replace(CLEAN, losses=np.array([loss]), cost=cost), CLEAN) is told
+
+
+@pytest.mark.parametrize(
+    ("degrees", "gain", "falls_px", "told"),
+    [(3.0, 20.0, 0.03, False), (3.0, 20.0, 0.1, True), (3.0, 45.0, 0.03, True), (1.0, 20.0, 0.02, True)],
+)
+def test_a_turn_of_degrees_is_told_by_the_pixels_that_it_explains(degrees, gain, falls_px, told):
+    values = np.where(np.arange(14) == 1, np.radians(degrees), 0.0)
+    turned = replace(CLEAN, values=values, cost=CLEAN.cost - gain, residual_px=CLEAN.residual_px - falls_px)
+    assert cameras._explains("rotation", turned, CLEAN) is told
 
 
 @pytest.mark.slow

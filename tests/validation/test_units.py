@@ -1,13 +1,19 @@
 """Each unit that people mistake is really written into a copy of a clean recording: file, field and factor are told."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.lidar import LidarSweep
+from bench.recordings.native import open_native
 from bench.times import other_unit
 from bench.validation import Severity
 from bench.validation.findings import causes
-from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps
+from bench.validation.quick import motion
+from bench.validation.quick.motion import check_motion
+from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps, sweep_files
 from tests.validation import drive
 from tests.validation.drive import found, with_points
 
@@ -176,6 +182,49 @@ def test_speed_and_yaw_rate_of_the_bus_are_tried_against_the_lidar(root, changes
     (following,) = (cause.following for cause in causes() if cause.name == "the ego-motion")
     labels = {(finding.severity, finding.hint) for finding in findings if finding.check in following}
     assert labels <= {(Severity.WARNING, "may follow from the ego-motion: correct that, validate again")}
+
+
+def without_velocities(root):
+    change_boxes(root, lambda _name, _i, data: data.pop("vec"))
+
+
+@pytest.mark.parametrize(
+    ("factor", "change", "got"),
+    [
+        (3.6, None, r"4 objects off by up to 20.8 m/s, 0.0 m/s if the ego vehicle's speed is km/h read as m/s"),
+        (1 / 3.6, None, r"4 objects off by up to 5.8 m/s, 0.0 m/s if the ego vehicle's speed is m/s read as km/h"),
+        (1 / 3.6, without_velocities, r"headings of 2 objects up to 1\d\d degrees off, none if .* m/s read as km/h"),
+    ],
+)
+def test_where_sweeps_cannot_be_matched_labels_tell_that_the_ego_speed_is_wrong(root, factor, change, got):
+    change_bus(root, lambda row: row.update(speed_mps=str(factor * drive.SPEED_MPS)))
+    for i, path in enumerate(sweep_files(root)):
+        if i % 4:
+            path.unlink()
+    if change is not None:
+        change(root)
+    told = cause(root)
+    assert (told.check, told.field, told.file) == ("ego-speed", "speed", str(root / "egomotion.csv"))
+    assert re.fullmatch(got, told.got), told.got
+    assert told.hint == f"multiply the speed by {1 / factor:.4g}"
+
+
+def test_relative_velocities_at_walking_pace_may_be_a_wrong_ego_speed_as_well(root, monkeypatch):
+    recording = open_native(root)
+    path = replace(recording.trajectory, positions_m=recording.trajectory.positions_m / 4)  # 2 m/s
+
+    def relative(track):
+        ways = [state.velocity_mps - [drive.SPEED_MPS, 0.0, 0.0] for state in track.states]
+        states = [replace(state, velocity_mps=way) for state, way in zip(track.states, ways, strict=True)]
+        return replace(track, states=tuple(states))
+
+    slow = replace(recording, trajectory=path, tracks=tuple(map(relative, recording.tracks)))
+    (told,) = (finding for finding in check_motion(slow) if finding.check == "velocity")
+    labels, ego = "relative to the vehicle instead of over the ground", "the ego vehicle's speed is km/h read as m/s"
+    assert (told.times, told.hint) == (2, f"{labels}; or {ego}")
+    monkeypatch.setattr(motion, "CONFIRMED_BY", 0)  # as if sweeps met by the stated speed
+    (told,) = (finding for finding in check_motion(slow) if finding.check == "velocity")
+    assert told.hint == labels
 
 
 @pytest.mark.parametrize("start_ns", [0, 3 * 10**14, 1_700_000_000 * 10**9])

@@ -24,7 +24,7 @@ one by one after that.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.rosbag.bag import Bag, BagMessage, Clock, TimedRows, bag_messages, bags_below, open_bag
+from bench.adapters.rosbag.bag import Bag, BagMessage, TimedRows, bag_messages, bags_below, open_bag
 from bench.adapters.rosbag.messages import (
     COMPRESSED_IMAGE,
     IMAGE,
@@ -49,7 +49,6 @@ from bench.adapters.rosbag.messages import (
 )
 from bench.adapters.rosbag.rig import (
     CameraRig,
-    EgoMotionRig,
     LidarRig,
     OdometryRig,
     ReverseRig,
@@ -64,10 +63,10 @@ from bench.egomotion import Trajectory, planar_trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations
-from bench.recordings.catalogue import RecordingHandle
+from bench.recordings.catalogue import RecordingHandle, median_interval_ns
 from bench.recordings.images import read_mask
 from bench.recordings.mounting import Mounting, body_mask, camera_model, mounted_camera
-from bench.recordings.validation import validated
+from bench.recordings.validation import located, validated
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED, Content, ImageRef, MountedCamera, Recording, SweepRef
 
 UNIT_TOLERANCE = 1e-2  # of the length of a quaternion
@@ -117,7 +116,7 @@ def open_rosbag(
     recording = Recording(
         name=name,
         root=root,
-        frame_interval_ns=rig.frame_interval_ns or _median_interval_ns(images, bag),
+        frame_interval_ns=rig.frame_interval_ns or median_interval_ns(images, file=bag.path),
         cameras={camera: opening.camera(root, camera, entry) for camera, entry in rig.cameras.items()},
         images=images,
         trajectory=opening.trajectory(),
@@ -140,13 +139,6 @@ def open_rosbag(
     return replace(recording, contents=tuple(opening.contents()))
 
 
-def _median_interval_ns(images: Mapping[str, tuple[ImageRef, ...]], bag: Bag) -> int:
-    steps_ns = [np.diff([ref.timestamp_ns for ref in refs]) for refs in images.values() if len(refs) > 1]
-    if not steps_ns:
-        raise DataError(bag.path, expected="two images of a camera at least", got="one")
-    return int(np.median(np.concatenate(steps_ns)))
-
-
 class _Opening:
     """A bag that was walked through: where the messages of the sensors are, and what the others say.
 
@@ -157,31 +149,35 @@ class _Opening:
     def __init__(self, bag: Bag, rig: Rig, rig_file: Path, options: RosbagOptions) -> None:
         self._bag, self._rig, self._rig_file, self._options = bag, rig, rig_file, options
         self.losses = [*bag.losses]
-        self._frames, self._motion = _StaticFrames(), _EgoMotionMessages(rig.ego_motion)
+        self._frames = _StaticFrames()
         self._counts: Counter[str] = Counter()
-        self._rows = {topic: TimedRows(4, "q") for topic in rig.sensor_topics}
-        self._walk(self._motion.topics)
-
-    def _walk(self, motion: Set[str]) -> None:
-        """Find the messages of the sensors, and read those of the ego-motion and the frames."""
-        read = motion | {STATIC_FRAMES}
-        for message in bag_messages(self._bag, listed=self._rows, read=read, counts=self._counts):
+        self._rows = {topic: TimedRows() for topic in rig.sensor_topics}
+        signals = ((name, getattr(rig.ego_motion, name)) for name in ("odometry", "speed", "yaw_rate", "reverse"))
+        self._signals: dict[str, tuple[OdometryRig | SignalRig | ReverseRig, TimedRows]] = {
+            name: (signal, TimedRows()) for name, signal in signals if signal is not None
+        }
+        self._motion_topics = {signal.topic for signal, _ in self._signals.values()}
+        read = self._motion_topics | {STATIC_FRAMES}
+        for message in bag_messages(bag, listed=self._rows, read=read, counts=self._counts):
             name, position = message.topic.name, message.position
             if name == STATIC_FRAMES:
                 self._frames.take(message)
-            if name in motion:
-                self._motion.take(message)
+            if name in self._motion_topics:
+                content = decode(message.topic, message.start, file=message.file)
+                for signal, rows in self._signals.values():
+                    if signal.topic == name:
+                        rows.add(message, _numbers(signal, content, message))
             if name in self._rows:
                 numbers = (message.file_number, position.chunk, position.offset, position.size)
                 self._rows[name].add(message, numbers)
-        for name, stated in self._bag.counts.items():
+        for name, stated in bag.counts.items():
             if self._counts[name] < stated:
                 expected, got = f"{stated} messages, as metadata.yaml says", str(self._counts[name])
-                self.losses.append(DataError(self._bag.path, field=name[:80], expected=expected, got=got))
+                self.losses.append(DataError(bag.path, field=name[:80], expected=expected, got=got))
 
     def contents(self) -> Iterator[Content]:
         """The topics of the bag, read and not read, and what is lost of them."""
-        uses = dict.fromkeys(self._motion.topics, "ego-motion") | {STATIC_FRAMES: "frames"}
+        uses = dict.fromkeys(self._motion_topics, "ego-motion") | {STATIC_FRAMES: "frames"}
         uses |= {camera.topic: f"images of {name}" for name, camera in self._rig.cameras.items()}
         uses |= {self._rig.lidar.topic: "sweeps"} if self._rig.lidar else {}
         for topic, count in sorted(self._counts.items()):
@@ -198,17 +194,18 @@ class _Opening:
             path = path_inside(root, camera.ego_body_mask, file=file, field=f"{field}.ego_body_mask")
             mask = read_mask(path, camera.image_size)
             ego_body = mask if ego_body is None else mask | ego_body
-        return mounted_camera(
-            name,
-            camera_model(camera.model, camera.image_size, file=file, field=f"{field}.model"),
-            self.vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame"),
-            ground_height_m=self._rig.vehicle.ground_height_m,
-            ego_body=ego_body,
-            evaluated_size_px=self._options.evaluated_size_px,
-            rolling_shutter=camera.rolling_shutter,
-            file=file,
-            field=field,
-        )
+        with located(file, f"{field}.model"):
+            model = camera_model(camera.model, camera.image_size)
+        with located(file, field):
+            return mounted_camera(
+                name,
+                model,
+                self.vehicle_from(camera.vehicle_from_sensor, camera.frame, f"{field}.frame"),
+                ground_height_m=self._rig.vehicle.ground_height_m,
+                ego_body=ego_body,
+                evaluated_size_px=self._options.evaluated_size_px,
+                rolling_shutter=camera.rolling_shutter,
+            )
 
     def images(self, name: str, camera: CameraRig) -> Iterator[ImageRef]:
         """The images of a camera, by time."""
@@ -233,7 +230,7 @@ class _Opening:
             raise DataError(self._rig_file, field=f"{field}.topic", expected=f"messages on {sensor.topic}", got=got)
         rows.topic.refuse_others(*types, file=path)
         topic = replace(rows.topic, definition="")  # ROS's own types need none, and references stay small
-        times_ns, positions = rows.usable(self._options.clock, file=path, losses=self.losses)
+        times_ns, positions = self._usable(rows)
         if not len(times_ns):
             raise DataError(path, field=sensor.topic, expected="messages whose times can be used", got="none")
         for time_ns, (number, *position) in zip(times_ns.tolist(), positions.tolist(), strict=True):
@@ -247,71 +244,25 @@ class _Opening:
             return RigidTransform.identity()
         return self._frames.vehicle_from(frame, vehicle=self._rig.vehicle.frame, file=self._rig_file, field=field)
 
+    def _usable(self, rows: TimedRows) -> tuple[NDArray[np.int64], NDArray[Any]]:
+        return rows.usable(self._options.clock, file=self._bag.path, losses=self.losses)
+
     def trajectory(self) -> Trajectory:
         """The path of the vehicle."""
-        odometry = self._rig.ego_motion.odometry
-        mounting, frame = (odometry.vehicle_from_child, odometry.frame) if odometry else (None, None)
-        child_from_vehicle = self.vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
-        return self._motion.trajectory(
-            self._options.clock, child_from_vehicle=child_from_vehicle, file=self._bag.path, losses=self.losses
-        )
-
-
-# Ego-motion, from poses or from speed and yaw rate, and frames: made of messages while a bag is walked through
-
-
-class _EgoMotionMessages:
-    """Collects the numbers of the ego-motion while a bag is walked through.
-
-    Args:
-        rig: which messages have them.
-    """
-
-    def __init__(self, rig: EgoMotionRig) -> None:
-        self._max_gap_ns = rig.max_gap_ns
-        signals = {"odometry": rig.odometry, "speed": rig.speed, "yaw_rate": rig.yaw_rate, "reverse": rig.reverse}
-        self._signals = {name: signal for name, signal in signals.items() if signal is not None}
-        self._rows = {name: TimedRows(7 if name == "odometry" else 1, "d") for name in self._signals}
-        self.topics = frozenset(signal.topic for signal in self._signals.values())
-
-    def take(self, message: BagMessage) -> None:
-        """Take a message of one of the `topics`.
-
-        Raises:
-            DataError: another message, or one without the fields that the rig file names.
-        """
-        content = decode(message.topic, message.start, file=message.file)
-        for name, signal in self._signals.items():
-            if signal.topic == message.topic.name:
-                self._rows[name].add(message, _numbers(signal, content, message))
-
-    def trajectory(
-        self, clock: Clock, *, child_from_vehicle: RigidTransform, file: Path, losses: list[DataError]
-    ) -> Trajectory:
-        """The path of the vehicle.
-
-        Args:
-            clock: whose times count.
-            child_from_vehicle: of the frame whose poses the odometry gives.
-            file: for errors.
-            losses: gets an error for what is left out.
-
-        Raises:
-            DataError: no messages, or too few that can be used.
-        """
-        tables = {}
-        for name, rows in self._rows.items():
+        file, motion, tables = self._bag.path, self._rig.ego_motion, {}
+        for name, (signal, rows) in self._signals.items():
             if rows.topic is None:
-                topic = self._signals[name].topic
-                raise DataError(file, field=topic, expected="messages of the ego-motion", got="none")
-            tables[name] = rows.usable(clock, file=file, losses=losses)
-        if "odometry" not in tables:
-            return replace(self._steered(tables, file), max_gap_ns=self._max_gap_ns)
-        (times_ns, poses), topic = tables["odometry"], self._signals["odometry"].topic
+                raise DataError(file, field=signal.topic, expected="messages of the ego-motion", got="none")
+            tables[name] = self._usable(rows)
+        if motion.odometry is None:
+            return replace(_steered(tables, motion.max_gap_ns, file), max_gap_ns=motion.max_gap_ns)
+        mounting, frame, topic = motion.odometry.vehicle_from_child, motion.odometry.frame, motion.odometry.topic
+        child_from_vehicle = self.vehicle_from(mounting, frame, "ego_motion.odometry.frame").inverse()
+        times_ns, poses = tables["odometry"]
         unit = np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1.0) < UNIT_TOLERANCE
         if not unit.all():
             got = f"{int((~unit).sum())} of {len(unit)} of another length"
-            losses.append(DataError(file, field=topic, expected="quaternions of length 1", got=got))
+            self.losses.append(DataError(file, field=topic, expected="quaternions of length 1", got=got))
         if unit.sum() < 2:
             raise DataError(file, field=topic, expected="at least two poses", got=f"{int(unit.sum())} that can be used")
         world_from_child = Rotation.from_quat(poses[unit, 3:], scalar_first=True)
@@ -320,42 +271,47 @@ class _EgoMotionMessages:
             timestamps_ns=times_ns[unit],
             rotations=world_from_child * Rotation.from_matrix(child_from_vehicle.rotation),
             positions_m=poses[unit, :3] + world_from_child.apply(np.array(child_from_vehicle.translation_m)),
-            max_gap_ns=self._max_gap_ns,
+            max_gap_ns=motion.max_gap_ns,
         )
 
-    def _steered(self, tables: dict[str, tuple[NDArray[np.int64], NDArray[Any]]], file: Path) -> Trajectory:
-        """From speed and yaw rate: at the times of the one that comes more often, the other interpolated."""
-        (speed_ns, _), (yaw_rate_ns, _) = tables["speed"], tables["yaw_rate"]
-        times_ns = speed_ns if len(speed_ns) >= len(yaw_rate_ns) else yaw_rate_ns
-        speed_mps = self._interpolated(*tables["speed"], times_ns)
-        yaw_rate_radps = self._interpolated(*tables["yaw_rate"], times_ns)
-        valid = np.isfinite(speed_mps) & np.isfinite(yaw_rate_radps)
-        if valid.sum() < 2:
-            got = f"{len(speed_ns)} of speed, {len(yaw_rate_ns)} of yaw rate, {int(valid.sum())} in common"
-            raise DataError(file, field="ego_motion", expected="at least two times with speed and yaw rate", got=got)
-        if "reverse" in tables:
-            # The gear is that of the last message; before the first one, that of the first.
-            gear_ns, reverse = tables["reverse"]
-            last = np.maximum(np.searchsorted(gear_ns, times_ns, side="right") - 1, 0)
-            speed_mps = np.where(reverse[last, 0] > 0, -np.abs(speed_mps), np.abs(speed_mps))
-        return planar_trajectory(
-            source=str(file),
-            timestamps_ns=times_ns[valid],
-            speed_mps=speed_mps[valid],
-            yaw_rate_radps=yaw_rate_radps[valid],
-        )
 
-    def _interpolated(
-        self, known_ns: NDArray[np.int64], known: NDArray[Any], times_ns: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """(N,) values at times; NaN where not between two known ones that are close enough, or at a known one."""
-        if known_ns is times_ns:
-            return known[:, 0]
-        if len(known_ns) < 2:
-            return np.full(len(times_ns), np.nan)
-        right = np.clip(np.searchsorted(known_ns, times_ns), 1, len(known_ns) - 1)
-        values = np.interp(times_ns - known_ns[0], known_ns - known_ns[0], known[:, 0], left=np.nan, right=np.nan)
-        return np.where(known_ns[right] - known_ns[right - 1] <= self._max_gap_ns, values, np.nan)
+# Ego-motion from speed and yaw rate, and frames
+
+
+def _steered(tables: dict[str, tuple[NDArray[np.int64], NDArray[Any]]], max_gap_ns: int, file: Path) -> Trajectory:
+    """From speed and yaw rate: at the times of the one that comes more often, the other interpolated."""
+    (speed_ns, _), (yaw_rate_ns, _) = tables["speed"], tables["yaw_rate"]
+    times_ns = speed_ns if len(speed_ns) >= len(yaw_rate_ns) else yaw_rate_ns
+    speed_mps = _interpolated(*tables["speed"], times_ns, max_gap_ns)
+    yaw_rate_radps = _interpolated(*tables["yaw_rate"], times_ns, max_gap_ns)
+    valid = np.isfinite(speed_mps) & np.isfinite(yaw_rate_radps)
+    if valid.sum() < 2:
+        got = f"{len(speed_ns)} of speed, {len(yaw_rate_ns)} of yaw rate, {int(valid.sum())} in common"
+        raise DataError(file, field="ego_motion", expected="at least two times with speed and yaw rate", got=got)
+    if "reverse" in tables:
+        # The gear is that of the last message; before the first one, that of the first.
+        gear_ns, reverse = tables["reverse"]
+        last = np.maximum(np.searchsorted(gear_ns, times_ns, side="right") - 1, 0)
+        speed_mps = np.where(reverse[last, 0] > 0, -np.abs(speed_mps), np.abs(speed_mps))
+    return planar_trajectory(
+        source=str(file),
+        timestamps_ns=times_ns[valid],
+        speed_mps=speed_mps[valid],
+        yaw_rate_radps=yaw_rate_radps[valid],
+    )
+
+
+def _interpolated(
+    known_ns: NDArray[np.int64], known: NDArray[Any], times_ns: NDArray[np.int64], max_gap_ns: int
+) -> NDArray[np.float64]:
+    """(N,) values at times; NaN where not between two known ones that are close enough, or at a known one."""
+    if known_ns is times_ns:
+        return known[:, 0]
+    if len(known_ns) < 2:
+        return np.full(len(times_ns), np.nan)
+    right = np.clip(np.searchsorted(known_ns, times_ns), 1, len(known_ns) - 1)
+    values = np.interp(times_ns - known_ns[0], known_ns - known_ns[0], known[:, 0], left=np.nan, right=np.nan)
+    return np.where(known_ns[right] - known_ns[right - 1] <= max_gap_ns, values, np.nan)
 
 
 def _numbers(signal: OdometryRig | SignalRig | ReverseRig, content: Any, message: BagMessage) -> tuple[float, ...]:

@@ -7,9 +7,8 @@ folder whose recorder died before it wrote the metadata.
 from __future__ import annotations
 
 import re
-from array import array
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
@@ -104,23 +103,18 @@ class BagMessage:
 
 
 class TimedRows:
-    """Numbers of a topic's messages and the messages' times, in the order of the file.
+    """Numbers of a topic's messages and the messages' times, in the order of the file."""
 
-    Args:
-        columns: how many numbers a message has.
-        code: their type as the module `array` names it, "q" for int64 and "d" for float64.
-    """
-
-    def __init__(self, columns: int, code: str) -> None:
+    def __init__(self) -> None:
         self.topic: Topic | None = None  # of the messages; None without any
-        self._times_ns, self._columns = array("q"), columns
-        self._numbers: array[Any] = array(code)
+        self._times_ns: list[tuple[int, int]] = []
+        self._numbers: list[tuple[float, ...]] = []
 
-    def add(self, message: BagMessage, numbers: Iterable[float]) -> None:
-        """Add the numbers of a message."""
+    def add(self, message: BagMessage, numbers: tuple[float, ...]) -> None:
+        """Add the numbers of a message, as many as of every other."""
         self.topic = message.topic
-        self._times_ns.extend((message.log_ns, message.stamp_ns))
-        self._numbers.extend(numbers)
+        self._times_ns.append((message.log_ns, message.stamp_ns))
+        self._numbers.append(numbers)
 
     def usable(self, clock: Clock, *, file: Path, losses: list[DataError]) -> tuple[NDArray[np.int64], NDArray[Any]]:
         """The rows whose times can be used, by time, and whose numbers are finite.
@@ -134,8 +128,8 @@ class TimedRows:
             times_ns: (N,) int64, increasing.
             numbers: (N, columns).
         """
-        log_ns, stamp_ns = np.array(self._times_ns, dtype=np.int64).reshape(-1, 2).T
-        numbers = np.array(self._numbers).reshape(-1, self._columns)
+        log_ns, stamp_ns = np.array(self._times_ns, dtype=np.int64).T
+        numbers = np.array(self._numbers)
         times_ns = log_ns if clock == "bag" else stamp_ns
         valid = np.ones(len(times_ns), dtype=bool)
 
@@ -220,8 +214,7 @@ def open_bag(root: Path, path: Path) -> Bag:
         files = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
         bag = Bag(path=path, files=tuple(files), losses=(missing,))
     if not bag.files:
-        hint = "unpack them: unzstd *.zstd, then ros2 bag reindex" if any(path.glob("*.zstd")) else ""
-        raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none", hint=hint)
+        raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none")
     for entry in bag.files:
         refuse_escape(root, entry, file=entry)
     return bag
@@ -242,27 +235,15 @@ def bag_messages(
         The messages of these topics, in the order of the files.
 
     Raises:
-        DataError: a file that cannot be read, a topic with messages of two types, or one to be read that is too large.
+        DataError: a file that cannot be read, or messages of an unknown type.
     """
-    start_bytes = dict.fromkeys(listed, HEADER_BYTES)
-    start_bytes |= dict.fromkeys(read, LARGEST_READ_BYTES)
-    known: dict[str, tuple[str, bool]] = {}
+    start_bytes = dict.fromkeys(listed, HEADER_BYTES) | dict.fromkeys(read, LARGEST_READ_BYTES)
     for number, file in enumerate(bag.files):
         for topic, log_ns, position, start in stored_messages(file, start_bytes):
             counts[topic.name] += 1
-            if topic.name not in start_bytes:
-                continue
-            if topic.name not in known:
-                known[topic.name] = topic.stored_type, has_header(topic, file=file)
-            stored_type, has_stamp = known[topic.name]
-            if topic.stored_type != stored_type:
-                got = f"{stored_type} and {topic.stored_type}"
-                raise DataError(bag.path, field=topic.name, expected="messages of one type", got=got)
-            if topic.name in read and position.size > LARGEST_READ_BYTES:
-                expected, got = f"messages up to {LARGEST_READ_BYTES} bytes", f"{position.size} of {topic.stored_type}"
-                raise DataError(file, field=topic.name, expected=expected, got=got)
-            stamp_ns = header_stamp_ns(start) if has_stamp else log_ns
-            yield BagMessage(topic, log_ns, stamp_ns, number, file, position, start)
+            if topic.name in start_bytes:
+                stamp_ns = header_stamp_ns(start) if has_header(topic, file=file) else log_ns
+                yield BagMessage(topic, log_ns, stamp_ns, number, file, position, start)
 
 
 def _described_bag(path: Path, information: _Information) -> Bag:
@@ -297,7 +278,7 @@ def _is_bag(path: Path) -> bool:
     if path.is_file():
         return path.suffix in (*SUFFIXES, ROS1_SUFFIX)
     names = [entry.name for entry in path.iterdir()] if path.is_dir() else []
-    return METADATA in names or any(name.removesuffix(".zstd").endswith(SUFFIXES) for name in names)
+    return any(name == METADATA or name.endswith(SUFFIXES) for name in names)
 
 
 def _recording_order(path: Path) -> list[tuple[int, str]]:

@@ -32,9 +32,7 @@ from bench.plug_ins import imported, known_targets
 from bench.recordings import (
     OBJECT_CLASSES,
     Cuboid,
-    GroundPolygon,
     ObjectState,
-    PointIndices,
     Recording,
     SweepRef,
     Track,
@@ -307,26 +305,6 @@ def vehicle_from_tool(
     if frame == "world":
         return recording.trajectory.world_from_vehicle(timestamp_ns).inverse()
     return recording.vehicle_from_lidar if frame == "lidar" else RigidTransform.identity()
-
-
-def data_lost(tracks: Sequence[Track], *, velocities: bool) -> list[str]:
-    """Lines for what boxes alone cannot hold.
-
-    Args:
-        tracks: that are written.
-        velocities: whether the format has a place for them.
-    """
-    states = [state for track in tracks for state in track.states]
-    counts = {
-        "ground outlines": sum(isinstance(state.shape, GroundPolygon) for state in states),
-        "places that are given by points": sum(isinstance(state.shape, PointIndices) for state in states),
-        "velocities": sum(bool(np.isfinite(state.velocity_mps).all()) for state in states if not velocities),
-        "yaw rates": sum(bool(state.yaw_rate_radps) for state in states),
-        "kinds of motion (category)": sum(state.category is not None for state in states),
-        "marks of unclear objects": sum(state.unclear for state in states),
-        "numbers in truth images (instance_id)": sum(track.instance_id is not None for track in tracks),
-    }
-    return [f"{count} {what}: no field for them" for what, count in counts.items() if count]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,12 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
-    data_lost,
     recording_times,
     vehicle_from_tool,
 )
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import Cuboid, Recording
+from bench.recordings import Cuboid, GroundPolygon, PointIndices, Recording, Track
 from bench.recordings.annotations import box_state
 from bench.recordings.files import read_whole
 from bench.recordings.validation import LARGEST_MEASURED
@@ -83,10 +83,24 @@ class BoxTable(LabelFormat):
                     numbers = np.concatenate([box.translation_m, size_m, [yaw_rad], state.velocity_mps])
                     rows.append([state.timestamp_ns, *words, *numbers.tolist()])
         text = pd.DataFrame(rows, columns=[*REQUIRED, *VELOCITY]).to_csv(index=False, lineterminator="\n")
-        lost = data_lost(recording.tracks, velocities=True)
+        lost = _not_written(recording.tracks)
         if leaning:
             lost.append(f"{leaning} boxes that lean against the vehicle are written upright")
         return {FILE: text.encode()}, lost
+
+
+def _not_written(tracks: Sequence[Track]) -> list[str]:
+    """Lines for what boxes and velocities alone cannot hold."""
+    states = [state for track in tracks for state in track.states]
+    counts = {
+        "ground outlines": sum(isinstance(state.shape, GroundPolygon) for state in states),
+        "places that are given by points": sum(isinstance(state.shape, PointIndices) for state in states),
+        "yaw rates": sum(bool(state.yaw_rate_radps) for state in states),
+        "kinds of motion (category)": sum(state.category is not None for state in states),
+        "marks of unclear objects": sum(state.unclear for state in states),
+        "numbers in truth images (instance_id)": sum(track.instance_id is not None for track in tracks),
+    }
+    return [f"{count} {what}: no field for them" for what, count in counts.items() if count]
 
 
 def _read(file: Path) -> pd.DataFrame:

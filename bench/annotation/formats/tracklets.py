@@ -12,20 +12,14 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path, PurePosixPath
-from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.adapters.kitti_raw import (
     CUT_OFF,
-    ID_ATTRIBUTE,
-    LABELLED,
     OUTSIDE,
-    POSE,
     UNSET,
     Tracklet,
     TrackletPose,
@@ -33,31 +27,27 @@ from bench.adapters.kitti_raw import (
 )
 from bench.annotation.formats.conversion import (
     SHOWN,
-    Files,
     LabelFormat,
     LabelOptions,
     Observation,
     ToolLabels,
-    data_lost,
     pair_with_sweeps,
 )
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_text import listed
-from bench.recordings import Cuboid, Recording, SweepRef
+from bench.recordings import Recording, SweepRef
 from bench.recordings.annotations import box_state
 from bench.recordings.files import read_text
 
 FILE, FRAME_LIST = "tracklet_labels.xml", "frame_list.txt"
-WRITTEN = {"pedestrian": "Pedestrian", "cyclist": "Cyclist", "vehicle": "Car", "animal": "Animal"}
-SAME_SIZE_M = 1e-6
 
 
 class CvatTracklets(LabelFormat):
-    """Conventions of CVAT's export and import."""
+    """Conventions of CVAT's export."""
 
     name = "cvat"
-    description = "tracklet_labels.xml and frame_list.txt as CVAT writes them (KITTI Raw Format)"
+    description = "tracklet_labels.xml and frame_list.txt as CVAT writes them (KITTI Raw Format); read only"
 
     def read(self, source: Path, recording: Recording, options: LabelOptions) -> ToolLabels:
         """Read tracklets; arguments and errors as in `LabelFormat`."""
@@ -92,41 +82,6 @@ class CvatTracklets(LabelFormat):
         times_ns = [sweep.timestamp_ns for sweep in looked_at]
         return ToolLabels(observations=observations, timestamps_ns=times_ns, lost=lost)
 
-    def write(self, recording: Recording) -> tuple[Files, list[str]]:
-        """Write both files; arguments as in `LabelFormat`."""
-        numbers = {sweep.timestamp_ns: i for i, sweep in enumerate(recording.sweeps)}
-        items: list[str] = []
-        resized = between = 0
-        for track in recording.tracks:
-            boxes = {
-                numbers[state.timestamp_ns]: state.shape
-                for state in track.states
-                if state.timestamp_ns in numbers and isinstance(state.shape, Cuboid)
-            }
-            between += sum(state.timestamp_ns not in numbers for state in track.states)
-            for _, entries in groupby(enumerate(sorted(boxes)), key=lambda entry: entry[1] - entry[0]):
-                run = [number for _, number in entries]  # without a missing frame
-                sizes_m = np.stack([boxes[number].size_m for number in run])
-                size_m = np.median(sizes_m, axis=0)
-                resized += bool(np.abs(sizes_m - size_m).max() > SAME_SIZE_M)
-                poses = [recording.vehicle_from_lidar.inverse() @ boxes[number].vehicle_from_object for number in run]
-                items.append(_item(WRITTEN[track.object_class], track.track_id, size_m, run[0], poses))
-        lost = [f"{between} states at times at which there is no sweep"] if between else []
-        lost += [f"{resized} objects change their size: each has its median one"] if resized else []
-        names = [sweep.path.stem for sweep in recording.sweeps]
-        if len(set(names)) < len(names):  # sweeps of one file
-            names = [str(sweep.timestamp_ns) for sweep in recording.sweeps]
-        head = f"<count>{len(items)}</count><item_version>1</item_version>\n"
-        xml = (
-            '<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>\n<!DOCTYPE boost_serialization>\n'
-            '<boost_serialization signature="serialization::archive" version="9">\n'
-            f'<tracklets class_id="0" tracking_level="0" version="0">{head}{"".join(items)}</tracklets>\n'
-            "</boost_serialization>\n"
-        )
-        lines = "".join(f"{number} {name}\n" for number, name in enumerate(names))
-        files = {FILE: xml.encode(), FRAME_LIST: lines.encode()}
-        return files, [*lost, *data_lost(recording.tracks, velocities=False)]
-
 
 def _is_set(pose: TrackletPose) -> bool:
     return pose.state != UNSET and not (pose.occlusion == -1 and pose.truncation in OUTSIDE)
@@ -142,23 +97,6 @@ def _not_read(tracklets: Sequence[Tracklet], *, set_poses: int) -> list[str]:
         "further attributes: no field for them": sum(tracklet.not_read for tracklet in tracklets),
     }
     return [f"{count} {what}" for what, count in counts.items() if count]
-
-
-def _item(label: str, name: str, size_m: NDArray[np.float64], first: int, poses: Sequence[RigidTransform]) -> str:
-    """A tracklet as CVAT writes it."""
-    entries = []
-    for pose in poses:
-        values = [*pose.translation_m.tolist(), *Rotation.from_matrix(pose.rotation).as_euler("XYZ").tolist()]
-        tags = dict(zip(POSE, values, strict=True)) | {"state": LABELLED, "occlusion": 0, "occlusion_kf": 0}
-        text = "".join(f"<{tag}>{value!r}</{tag}>" for tag, value in (tags | {"truncation": 0}).items())
-        entries.append(f"<item>{text}</item>\n")
-    width, height, length = size_m.tolist()  # along x, y and z
-    return (
-        f"<item><objectType>{escape(label)}</objectType><h>{height!r}</h><w>{width!r}</w><l>{length!r}</l>"
-        f"<first_frame>{first}</first_frame>\n<poses><count>{len(poses)}</count><item_version>2</item_version>\n"
-        f"{''.join(entries)}</poses><finished>1</finished><attributes><attribute><name>{ID_ATTRIBUTE}</name>"
-        f"<value>{escape(name)}</value></attribute></attributes></item>\n"
-    )
 
 
 def _listed_sweeps(file: Path, used: Sequence[int], recording: Recording, options: LabelOptions) -> dict[int, SweepRef]:

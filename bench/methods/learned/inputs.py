@@ -40,7 +40,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "images": ("current", "rotated_difference", "road_difference"),
     "flow": ("flow_u", "flow_v", "flow_difference"),
     "constraints": CONSTRAINTS,
-    "scene": ("sigmas", "misfit", "texture", "road_seen"),
+    "scene": ("sigmas", "misfit", "texture", "road_seen", "inverse_depth", "from_road"),
     "earlier": (
         "earlier_road_difference",
         "earlier_static_difference",
@@ -174,7 +174,15 @@ def _scene_channels(last: Evidence) -> dict[str, Bytes]:
         "misfit": _as_bytes(np.arcsinh(last.misfit), MISFIT_STEPS),
         "texture": _as_bytes(np.log1p(smaller), DEVIATION_STEPS),
         "road_seen": _as_bytes(last.road_seen.astype(np.float32), GREY_STEPS),
+        "inverse_depth": _as_bytes(np.arcsinh(8 * _doubled(last.inverse_depth, last.road)), FLOW_STEPS),
+        "from_road": _as_bytes(np.log1p(_doubled(last.from_road_sigmas, last.road)), DEVIATION_STEPS),
     }
+
+
+def _doubled(values: Image, like: Image) -> Image:
+    """(h/2, w/2) -> (h, w), the size of another image."""
+    rows, columns = like.shape[:2]
+    return np.asarray(cv2.resize(values, (columns, rows), interpolation=cv2.INTER_NEAREST), np.float32)
 
 
 def _earlier_flows(given: MethodInput, last: Evidence, back: int) -> dict[str, Image]:

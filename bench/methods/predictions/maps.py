@@ -1,7 +1,4 @@
-"""A mask or a score map in a PNG file, and how one of another size is brought to the image.
-
-The files may be foreign: their sizes are checked before anything is unpacked.
-"""
+"""A mask or a score map in a PNG file, and how one of another size is brought to the image."""
 
 from __future__ import annotations
 
@@ -13,14 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.atomic import read_regular, refuse_escape
+from bench.atomic import refuse_escape
 from bench.errors import DataError
-from bench.recordings.images import PNG_START, decode_values, stated_size_px
+from bench.plain_text import listed
+from bench.recordings.files import read_whole
+from bench.recordings.images import PNG_START, decode_values
 
 Size = tuple[int, int]
 STATEMENT = "predictions.yaml"  # in a folder of predictions: what they are
 LARGEST_BYTES = 1 << 28  # of a file
-LARGEST_PX = 1 << 26  # of a map
 LARGEST_SCORE = 65535
 SHOWN_VALUES = 6
 
@@ -41,15 +39,13 @@ class ImageSizes:
         """Refuse a size that is no whole fraction or multiple of the image's.
 
         Raises:
-            DataError: it is not, or larger than any prediction need be.
+            DataError: it is none.
         """
-        got = "{} x {}".format(*size_px)
         bases = (self.evaluated_px, self.stored_px)
         if not any(_times(base, size_px) or _times(size_px, base) for base in bases):
-            known = " or ".join(dict.fromkeys("{} x {}".format(*base) for base in bases))
-            raise DataError(file, expected=f"{known} px, or a whole fraction or multiple of it", got=got)
-        if size_px[0] * size_px[1] > LARGEST_PX:
-            raise DataError(file, expected=f"at most {LARGEST_PX} pixels", got=got)
+            expected = " or ".join(dict.fromkeys("{} x {}".format(*base) for base in bases))
+            expected += " px, or a whole fraction or multiple of it"
+            raise DataError(file, expected=expected, got="{} x {}".format(*size_px))
 
     def on_cells(self, values: NDArray[Any]) -> tuple[NDArray[np.float32], int]:
         """Bring a map to square cells that tile the evaluated image.
@@ -111,11 +107,9 @@ class Prediction:
         if len(self.files) != 1:
             got = " and ".join(file.relative_to(self.root).as_posix() for file in self.files) or "none"
             raise DataError(self.root, expected="one prediction of an image", got=got)
-        refuse_escape(self.root, self.files[0], file=self.files[0])
-        try:
-            return read_regular(self.files[0], largest_bytes=LARGEST_BYTES)
-        except OSError as error:
-            raise DataError(self.files[0], expected="a PNG file", got=error.strerror or str(error)) from error
+        (file,) = self.files
+        refuse_escape(self.root, file, file=file)
+        return read_whole(file, expected="a PNG file", largest_bytes=LARGEST_BYTES)
 
     def values(self, content: bytes) -> NDArray[Any]:
         """Decode the file.
@@ -127,18 +121,15 @@ class Prediction:
             (rows, columns) bool, moving; or float32 scores in [0, 1]; of the size at which they are stored.
 
         Raises:
-            DataError: cut short, no grey PNG, of a size that does not fit (told before anything is unpacked), or with
-                values that are no mask or no scores.
+            DataError: cut short, no grey PNG, of a size that does not fit, or with values of no mask or no scores.
         """
-        file = self.files[0]
-        size_px = stated_size_px(content) if content.startswith(PNG_START) else None
-        if size_px is None:
-            got = f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
-            raise DataError(file, expected="a whole PNG file", got=got)
-        self.sizes.refuse_unfit(size_px, file=file)
+        (file,) = self.files
         values = decode_values(content, file=file)
+        if not content.startswith(PNG_START):
+            raise DataError(file, expected="a PNG, in which every value is as it was written", got="a JPEG")
         if values.ndim != 2:
             raise DataError(file, expected="one grey channel", got=f"{values.shape[2]} channels")
+        self.sizes.refuse_unfit((values.shape[1], values.shape[0]), file=file)
         if self.are_scores:
             if values.dtype != np.uint16:
                 expected, hint = f"scores of 16 bits, as {STATEMENT} says", "write masks into a folder of their own"
@@ -146,13 +137,9 @@ class Prediction:
             return values.astype(np.float32) / np.float32(LARGEST_SCORE)
         present = np.unique(values).tolist()
         if values.dtype == np.uint16 or not (set(present) <= {0, 255} or set(present) <= {0, 1}):
-            bits = "16 bits, " if values.dtype == np.uint16 else ""
-            shown = ", ".join(map(str, present[:SHOWN_VALUES])) + (", ..." if len(present) > SHOWN_VALUES else "")
-            raise DataError(
-                file,
-                expected="a mask of 8 bits, of the values 0 and 255, or 0 and 1",
-                got=f"{bits}the values {shown}",
-                hint=f"write scores as 16-bit PNG (0 to 65535) with `sixteen_bits: score` in {STATEMENT}",
-            )
+            expected = "a mask of 8 bits, of the values 0 and 255, or 0 and 1"
+            got = f"{8 * values.itemsize} bits, the values {listed(list(map(str, present)), SHOWN_VALUES)}"
+            hint = f"write scores as 16-bit PNG (0 to 65535) with `sixteen_bits: score` in {STATEMENT}"
+            raise DataError(file, expected=expected, got=got, hint=hint)
         moving: NDArray[np.bool_] = values > 0
         return moving

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from copy import copy
 from pathlib import Path
 from typing import Literal, get_args
@@ -13,7 +12,7 @@ import numpy as np
 from bench.atomic import write_text
 from bench.errors import DataError, UsageError
 from bench.methods.contract import Method, MethodInput, UnansweredImage
-from bench.methods.predictions.pairing import FaultKind, ImageKey, PredictionIndex, index_predictions
+from bench.methods.predictions.pairing import FaultKind, ImageKey, PredictionIndex
 from bench.recordings import DatasetCard
 from bench.records.segmentation import Segmentation
 
@@ -24,7 +23,7 @@ SCHEMA_VERSION = 1
 
 
 class PredictedMotion(Method):
-    """Returns the prediction of each image from a file, once `check_predictions` has gone through the folder.
+    """Returns the prediction of each image from a file, once `index_predictions` has gone through the folder.
 
     Args:
         name: what the results call it.
@@ -105,25 +104,6 @@ class PredictedMotion(Method):
         return copy(self)  # it holds what it read of files, and nothing that depends on images before
 
 
-def check_predictions(
-    card: DatasetCard, *, method: PredictedMotion, progress: Callable[[float, int], None] | None = None
-) -> PredictionIndex:
-    """Go through the method's folder; the method then uses what was found.
-
-    Args:
-        card: the data set.
-        method: with the folder.
-        progress: called with the recordings done and their number.
-
-    Raises:
-        DataError: the folder is missing, or nothing in it names an image that is scored.
-        UsageError: a threshold for masks.
-    """
-    index = index_predictions(Path(method.folder), card, split=method.split, progress=progress)
-    method.use(index)
-    return index
-
-
 def refuse_faults(method: PredictedMotion, index: PredictionIndex) -> None:
     """Refuse a folder with any fault where every prediction is required; else score what is there.
 
@@ -137,14 +117,10 @@ def refuse_faults(method: PredictedMotion, index: PredictionIndex) -> None:
     if method.missing != "error" or not index.faults:
         return
     counts = {kind: len(index.of_kind(kind)) for kind in FaultKind}
-    lack_alone = counts[FaultKind.MISSING] and not (counts[FaultKind.UNUSABLE] or counts[FaultKind.TWICE])
-    skip = "; or leave images without one out by --missing skip, or count them as empty by --missing empty"
-    raise DataError(
-        method.folder,
-        expected=f"a prediction of each of {index.expected} images, and nothing else",
-        got=", ".join(f"{count} {kind.value}" for kind, count in counts.items() if count),
-        hint=f"fix them, all are listed with -v{skip if lack_alone else ''}",
-    )
+    expected = f"a prediction of each of {index.expected} images, and nothing else"
+    got = ", ".join(f"{count} {kind.value}" for kind, count in counts.items() if count)
+    hint = "fix them, all are listed with -v; or score what is there: --missing skip leaves images without one out, "
+    raise DataError(method.folder, expected=expected, got=got, hint=f"{hint}--missing empty counts them as empty")
 
 
 def write_report(file: Path, card: DatasetCard, method: PredictedMotion, index: PredictionIndex) -> None:

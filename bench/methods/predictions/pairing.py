@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -12,8 +12,9 @@ from typing import Literal, NamedTuple
 
 from bench.errors import BenchError, DataError
 from bench.methods.predictions.maps import STATEMENT, ImageSizes, Prediction
+from bench.plain_text import listed
 from bench.plain_yaml import parse_yaml
-from bench.recordings import DatasetCard, RecordingHandle, frame_gaps, open_dataset
+from bench.recordings import NOT_ANNOTATED, DatasetCard, Exclusion, Recording, frame_gaps, open_dataset
 from bench.recordings.files import read_text
 from bench.recordings.validation import FileModel, validated
 
@@ -28,21 +29,6 @@ class FolderStatement(FileModel):
     """
 
     sixteen_bits: Literal["score"] | None = None
-
-
-def read_statement(root: Path) -> FolderStatement:
-    """What a folder says of its predictions; nothing without a file.
-
-    Raises:
-        DataError: there is no such folder, or its file says something else.
-    """
-    if not root.is_dir():
-        raise DataError(root, expected="a folder of predictions", got="no such folder")
-    file = root / STATEMENT
-    if not file.exists():
-        return FolderStatement()
-    content = parse_yaml(read_text(file, largest_bytes=LARGEST_STATEMENT_BYTES), file=file)
-    return validated(FolderStatement, content or {}, file=file)
 
 
 class FaultKind(StrEnum):
@@ -89,36 +75,30 @@ class NamedImage:
         places: files of predictions relative to the folder, without the suffix.
         sizes: of the image.
         is_scored: it will be: not excluded, with an image before it and no gap between.
-        is_annotated: it is there to be scored and somebody knows what moves in it.
     """
 
     key: ImageKey
     places: tuple[str, ...]
     sizes: ImageSizes
     is_scored: bool
-    is_annotated: bool
 
 
-def named_images(handle: RecordingHandle, *, alone: bool) -> Iterator[NamedImage]:
+def named_images(whole: Recording, exclusions: Sequence[Exclusion], *, alone: bool) -> Iterator[NamedImage]:
     """The images of a recording, excluded ones included, by camera and time.
 
     Args:
-        handle: of the recording.
+        whole: the recording, with excluded images.
+        exclusions: of the card.
         alone: the data set has no other recording, so that the recording's folder may be left out.
-
-    Raises:
-        DataError: the recording cannot be opened.
     """
-    whole = replace(handle, exclusions=()).open()
     included = {
-        name: [ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in handle.exclusions)]
+        name: tuple(ref for i, ref in enumerate(refs) if not any(e.covers(i, ref.timestamp_ns) for e in exclusions))
         for name, refs in whole.images.items()
     }
-    remaining = replace(whole, images={name: tuple(refs) for name, refs in included.items()})
+    remaining = replace(whole, images=included)
     for name, camera in sorted(whole.cameras.items()):
         late = frame_gaps(remaining, name)
         followed_ns = {ref.timestamp_ns for i, ref in enumerate(included[name]) if i >= 1 and i not in late}
-        included_ns = {ref.timestamp_ns for ref in included[name]}
         folders = dict.fromkeys((f"{whole.name}/{name}", *([name] if alone else ())))
         for ref in whole.images[name]:
             time_ns = ref.timestamp_ns
@@ -131,7 +111,6 @@ def named_images(handle: RecordingHandle, *, alone: bool) -> Iterator[NamedImage
                     stored_px=(camera.stored_size_px[0], camera.stored_size_px[1]),
                 ),
                 is_scored=time_ns in followed_ns,
-                is_annotated=time_ns in included_ns and whole.annotated.covers(time_ns),
             )
 
 
@@ -155,8 +134,11 @@ class PredictionIndex:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
-        self.form = read_statement(root).sixteen_bits or "mask"
+        if not root.is_dir():
+            raise DataError(root, expected="a folder of predictions", got="no such folder")
+        self._root, file = root, root / STATEMENT
+        stated = parse_yaml(read_text(file, largest_bytes=LARGEST_STATEMENT_BYTES), file=file) if file.exists() else {}
+        self.form = validated(FolderStatement, stated, file=file).sixteen_bits or "mask"
         self.predictions: dict[ImageKey, Prediction] = {}
         self.usable: dict[ImageKey, str] = {}
         self.faults: list[Fault] = []
@@ -223,12 +205,7 @@ class PredictionIndex:
             for file in files:
                 self._fault(FaultKind.EXTRA, file, "its recording, camera and name are of no image of the data set")
         if not any(prediction.files for prediction in self.predictions.values()):
-            extra = self.of_kind(FaultKind.EXTRA)
-            got = (
-                f"{len(extra)} files and none of them does, the first {extra[0].place}"
-                if extra
-                else "no file that does"
-            )
+            got = listed([fault.place for fault in self.of_kind(FaultKind.EXTRA)], most=1) or "no file"
             example = f", such as {next(iter(self.predictions))}.png" if self.predictions else ""
             raise DataError(self._root, expected=f"predictions that name images that are scored{example}", got=got)
 
@@ -261,12 +238,13 @@ def index_predictions(
     opened, unopened, is_annotated = set[str](), None, False
     for number, handle in enumerate(handles):
         try:
-            images = list(named_images(handle, alone=len(everywhere) == 1))
+            whole = replace(handle, exclusions=()).open()
         except BenchError as error:
             unopened = unopened or error
             continue  # the run lists it; its files count as of elsewhere
         opened.add(handle.name)
-        is_annotated |= any(image.is_annotated for image in images)
+        is_annotated |= whole.annotated != NOT_ANNOTATED
+        images = list(named_images(whole, handle.exclusions, alone=len(everywhere) == 1))
         for done, image in enumerate(images, start=1):
             index.take(image)
             if progress is not None:

@@ -33,6 +33,8 @@ class CameraLimits:
         better: share that another reading predicts more than the stated one.
         mirrored: the same for mirrored images, where the stated ones predict enough: straight on they look alike.
         alike: of the returns that the stated calibration sees in the image, as many another reading must see.
+        falls: part of the flow's residual, and px, by which it must fall for a rotation to be told by the gain of the
+            smallest one; where it falls by less, the gain must be as much larger as the rotation.
         against: what the flow may lose to the edges, part of what a cause gains.
         as_well: causes that raise it by so much less may be the one as well.
         deviations: standard deviations that it must differ from 0.
@@ -49,6 +51,7 @@ class CameraLimits:
     better: float = 0.15
     mirrored: float = 0.05
     alike: float = 0.2
+    falls: tuple[float, float] = (0.1, 0.05)
     against: float = 0.2
     as_well: float = 10.0
     deviations: float = 4.0
@@ -132,9 +135,15 @@ def _unknown_clock(camera: MountedCamera, fit: Fit | None) -> Undecided | None:
 
 
 def _explains(cause: str, fit: Fit, clean: Fit) -> bool:
-    """A fit is clearly better, and not by edges against flow: a fence has many, all wrong in one way."""
-    gain, of_flow = clean.cost - fit.cost, float((clean.losses - fit.losses).sum())
-    return gain > UNKNOWNS[cause].gain and of_flow > -LIMITS.against * gain
+    """A fit is clearly better, and not by edges against flow: a fence has many, all wrong in one way.
+
+    A turn of degrees moves all flow, so that one which hardly explains any is a chance of few edges.
+    """
+    gain, of_flow, least = clean.cost - fit.cost, float((clean.losses - fit.losses).sum()), UNKNOWNS[cause].gain
+    share, px = LIMITS.falls
+    if cause == "rotation" and clean.residual_px - fit.residual_px < max(share * clean.residual_px, px):
+        least *= max(float(np.abs(fit.values[SLICES[cause]]).max()) / UNKNOWNS[cause].smallest, 1.0)
+    return gain > least and of_flow > -LIMITS.against * gain
 
 
 def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:

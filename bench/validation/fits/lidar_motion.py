@@ -244,70 +244,74 @@ class Fit:
         return float(self.values[i]), float(self.sigma[i])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Comparison:
-    """Measured steps and stated odometry.
+def _predicted(steps: LevelSteps, odometry: Odometry, mounting: Mounting, values: Array) -> Array:
+    """(..., K, 3) float64, motion of the lidar in the level frame by values (..., 5), as in `Fit`."""
+    late_s, speed, turn, bias_radps, yaw_rad = np.moveaxis(values[..., None], -2, 0)
+    moved = odometry.between(steps.first_s - late_s, steps.last_s - late_s)
+    turned = turn * moved[..., 2] + bias_radps * (steps.last_s - steps.first_s)
+    sideways = np.array([-mounting.lever_m[1], mounting.lever_m[0]])
+    path = speed[..., None] * moved[..., :2] + turned[..., None] * sideways
+    level_from_vehicle = mounting.axes(yaw_rad[..., 0])
+    mirror = np.linalg.det(mounting.level_from_vehicle)
+    return np.concatenate([path @ level_from_vehicle.swapaxes(-1, -2), turned[..., None] * mirror], axis=-1)
 
-    Attributes:
+
+def _errors(steps: LevelSteps, odometry: Odometry, mounting: Mounting, values: Array) -> Array:
+    """(..., K, 3) float64, distances in m that values (..., 5) leave between sweeps; 0 without odometry."""
+    error = _predicted(steps, odometry, mounting, values) - steps.motion
+    return np.asarray(np.nan_to_num(np.einsum("kij,...kj->...ki", steps.root, error)))
+
+
+def fitted(
+    steps: LevelSteps,
+    odometry: Odometry,
+    mounting: Mounting,
+    *,
+    free: Sequence[str] = (),
+    starts: Sequence[Array] = (STATED,),
+) -> Fit:
+    """Fit all parameters, those that are not free close to their usual values.
+
+    Args:
         steps: measured.
         odometry: stated.
+        mounting: of the lidar.
+        free: of `QUANTITIES`.
+        starts: values (5,) at which the fit begins; the best end counts.
     """
+    freed = np.isin(PARAMETERS, free)
+    prior = np.where(freed, 1e-3, 1.0)  # weak, so that nothing is singular
+    limit = np.where(freed, np.inf, FITTING.most_usual)
+    limit[0] = FITTING.longest_late_s / USUAL[0] if freed[0] else limit[0]
 
-    steps: LevelSteps
-    odometry: Odometry
+    def residuals(scaled: Array) -> Array:
+        errors = _errors(steps, odometry, mounting, STATED + scaled * USUAL)
+        size = np.linalg.norm(errors, axis=-1, keepdims=True) / FITTING.soft_m
+        less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
+        weighed = (errors * less / FITTING.step_m).reshape(*scaled.shape[:-1], -1)
+        return np.concatenate([weighed, prior * scaled], axis=-1)
 
-    def predicted(self, mounting: Mounting, values: Array) -> Array:
-        """(..., K, 3) float64, motion of the lidar in the level frame by values (..., 5), as in `Fit`."""
-        late_s, speed, turn, bias_radps, yaw_rad = np.moveaxis(values[..., None], -2, 0)
-        steps = self.steps
-        moved = self.odometry.between(steps.first_s - late_s, steps.last_s - late_s)
-        turned = turn * moved[..., 2] + bias_radps * (steps.last_s - steps.first_s)
-        sideways = np.array([-mounting.lever_m[1], mounting.lever_m[0]])
-        path = speed[..., None] * moved[..., :2] + turned[..., None] * sideways
-        level_from_vehicle = mounting.axes(yaw_rad[..., 0])
-        mirror = np.linalg.det(mounting.level_from_vehicle)
-        return np.concatenate([path @ level_from_vehicle.swapaxes(-1, -2), turned[..., None] * mirror], axis=-1)
+    def slopes(scaled: Array) -> Array:
+        """By forward differences, all in one call, into the bounds."""
+        step = STEP * np.where(scaled < 0.0, -1.0, 1.0) * np.maximum(1.0, np.abs(scaled))
+        step = np.where(np.abs(scaled + step) > limit, -step, step)
+        moved = scaled + np.diag(step)
+        at, *beside = residuals(np.vstack([scaled, moved]))
+        return np.asarray((np.array(beside) - at).T / (np.diag(moved) - scaled))
 
-    def errors(self, mounting: Mounting, values: Array) -> Array:
-        """(..., K, 3) float64, distances in m that values (..., 5) leave between sweeps; 0 without odometry."""
-        error = self.predicted(mounting, values) - self.steps.motion
-        return np.asarray(np.nan_to_num(np.einsum("kij,...kj->...ki", self.steps.root, error)))
-
-    def fit(self, mounting: Mounting, *, free: Sequence[str] = (), starts: Sequence[Array] = (STATED,)) -> Fit:
-        """Fit all parameters, those that are not free close to their usual values."""
-        freed = np.isin(PARAMETERS, free)
-        prior = np.where(freed, 1e-3, 1.0)  # weak, so that nothing is singular
-        limit = np.where(freed, np.inf, FITTING.most_usual)
-        limit[0] = FITTING.longest_late_s / USUAL[0] if freed[0] else limit[0]
-
-        def residuals(scaled: Array) -> Array:
-            errors = self.errors(mounting, STATED + scaled * USUAL)
-            size = np.linalg.norm(errors, axis=-1, keepdims=True) / FITTING.soft_m
-            less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
-            weighed = (errors * less / FITTING.step_m).reshape(*scaled.shape[:-1], -1)
-            return np.concatenate([weighed, prior * scaled], axis=-1)
-
-        def slopes(scaled: Array) -> Array:
-            """By forward differences, all in one call, into the bounds."""
-            step = STEP * np.where(scaled < 0.0, -1.0, 1.0) * np.maximum(1.0, np.abs(scaled))
-            step = np.where(np.abs(scaled + step) > limit, -step, step)
-            moved = scaled + np.diag(step)
-            at, *beside = residuals(np.vstack([scaled, moved]))
-            return np.asarray((np.array(beside) - at).T / (np.diag(moved) - scaled))
-
-        fits = [
-            least_squares(residuals, (start - STATED) / USUAL, jac=slopes, bounds=(-limit, limit), x_scale="jac")
-            for start in starts
-        ]
-        best = min(fits, key=lambda fit: fit.cost)
-        values = STATED + best.x * USUAL
-        errors = self.errors(mounting, values)
-        excess = max(1.0, 2.0 * best.cost / max(errors.size - len(USUAL), 1))
-        jacobian = np.asarray(best.jac)
-        covariance = np.linalg.inv(jacobian.T @ jacobian) * excess
-        return Fit(
-            values=values,
-            sigma=np.sqrt(np.diag(covariance)) * USUAL,
-            cost=2.0 * best.cost,
-            apart_m=float(np.sqrt((errors**2).sum() / max(len(errors), 1))),
-        )
+    fits = [
+        least_squares(residuals, (start - STATED) / USUAL, jac=slopes, bounds=(-limit, limit), x_scale="jac")
+        for start in starts
+    ]
+    best = min(fits, key=lambda fit: fit.cost)
+    values = STATED + best.x * USUAL
+    errors = _errors(steps, odometry, mounting, values)
+    excess = max(1.0, 2.0 * best.cost / max(errors.size - len(USUAL), 1))
+    jacobian = np.asarray(best.jac)
+    covariance = np.linalg.inv(jacobian.T @ jacobian) * excess
+    return Fit(
+        values=values,
+        sigma=np.sqrt(np.diag(covariance)) * USUAL,
+        cost=2.0 * best.cost,
+        apart_m=float(np.sqrt((errors**2).sum() / max(len(errors), 1))),
+    )

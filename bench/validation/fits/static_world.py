@@ -33,11 +33,11 @@ from bench.validation.fits.lidar_motion import (
     PARAMETERS,
     QUANTITIES,
     STATED,
-    Comparison,
     Fit,
     Mounting,
     Odometry,
     Quantity,
+    fitted,
     level_steps,
 )
 from bench.validation.fits.readings import DEGREE, Reading, mounting_name, pose_readings
@@ -316,8 +316,8 @@ class _Verdict:
 
     def _fit(self, one: Hypothesis) -> Fit:
         path = self._recording.trajectory if one.reading is None else one.reading.undo
-        compared = Comparison(steps=self._steps, odometry=Odometry.of(path, self._steps.epoch_ns))
-        return compared.fit(one.mounting, free=one.free, starts=one.starts)
+        odometry = Odometry.of(path, self._steps.epoch_ns)
+        return fitted(self._steps, odometry, one.mounting, free=one.free, starts=one.starts)
 
     def _clearly_better(self, fit: Fit) -> bool:
         return fit.apart_m < VERDICTS.better * self._stated.apart_m - VERDICTS.better_m

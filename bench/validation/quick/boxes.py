@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from bench.plain_text import listed
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
-from bench.records.reference import Category
 from bench.validation.findings import Finding, Severity, annotation_file, boxes_of, new_finding, object_field, unusable
 
 Span = tuple[float, float]
@@ -104,8 +103,6 @@ def check_boxes(recording: Recording) -> Iterator[Finding]:
     for track in recording.tracks:
         if track.object_class in BODIES:
             yield from _sizes(track, BODIES[track.object_class])
-        else:
-            yield new_finding("class", repr(track.object_class), field=object_field(track), known=", ".join(BODIES))
         yield from _tilt(track)
     yield from _above_road(recording)
     yield from _same_place(recording)
@@ -127,12 +124,6 @@ def _names(recording: Recording) -> Iterator[Finding]:
     if stateless:
         got = f"none for {listed(stateless)}"
         yield new_finding("object-without-frames", got, field="objects", times=len(stateless))
-    known = {category.value for category in Category}
-    for track in recording.tracks:
-        unknown = {state.category for state in track.states} - known - {None}
-        if unknown:
-            got = listed(sorted(map(str, unknown)))
-            yield new_finding("category", got, field=f"object {track.track_id!r}", known=", ".join(sorted(known)))
 
 
 def _sizes(track: Track, limits: BodyLimits) -> Iterator[Finding]:

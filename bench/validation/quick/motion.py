@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise, product
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
@@ -16,6 +17,7 @@ from bench.plain_text import listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
 from bench.validation.findings import Finding, Severity, annotated_times, boxes_of, new_finding, object_field
+from bench.validation.fits.scan_matching import measured_motion, scan_steps
 from bench.validation.quick.boxes import BODIES, BodyLimits
 
 Array = NDArray[np.float64]
@@ -85,6 +87,13 @@ EXCHANGED_M, EXCHANGED_BETTER = 1.0, 0.3  # what two names are off, and what par
 GAP_STEPS = 1.5
 FLICKERS, FLICKER_STEPS = 3, 2  # gaps of an object, and the annotated times in one; hidden objects have few, long gaps
 TURN_IT = "turn it by 90 degrees to the {}, or swap length and width with the heading"
+# By what the ego vehicle's speed is multiplied where people confuse its unit: every object seems to go otherwise then.
+EGO_SPEEDS = {
+    "the ego vehicle's speed is km/h read as m/s": 1 / 3.6,
+    "the ego vehicle's speed is m/s read as km/h": 3.6,
+}
+CONFIRMED_BY = 6  # pairs of sweeps
+EXPLAINED = 0.4  # of the error of stated velocities, that a reading leaves which explains it
 # What the box's heading may be, the sign and the offset in degrees that undo it, and what to do.
 HEADINGS: tuple[tuple[str, float, float, str], ...] = (
     ("it is right", 1.0, 0.0, ""),
@@ -172,15 +181,9 @@ def check_motion(recording: Recording) -> Iterator[Finding]:
         limits, field = BODIES[path.track.object_class], object_field(path.track)
         yield from _jumps(path, field)
         yield from _too_fast(path, limits, field)
-    yield from _headings(paths)
-    velocities: dict[str, list[tuple[str, float]]] = defaultdict(list)
-    for path in paths:
-        if (fault := _velocity_fault(path)) is not None:
-            velocities[fault[0]].append((path.track.track_id, fault[1]))
-    for cause, objects in velocities.items():
-        got = f"{len(objects)} objects off by up to {max(off for _, off in objects):.1f} m/s: "
-        got += listed([name for name, _ in objects])
-        yield new_finding("velocity", got, field="velocity_mps", hint=cause, times=len(objects))
+    told = [*_velocities(paths, recording), *_headings(paths, recording)]
+    yield from [finding for finding in told if finding.check == "ego-speed"][:1]
+    yield from (finding for finding in told if finding.check != "ego-speed")
 
 
 Sighting = tuple[TrackPath, int]  # an object at an annotated time: its path, and the row
@@ -293,21 +296,51 @@ def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Findi
         yield new_finding("object-turn", got, field=field, timestamp_ns=time_ns, limit=limit)
 
 
-def _headings(paths: Sequence[TrackPath]) -> Iterator[Finding]:
+def _ego_speeds(recording: Recording) -> dict[str, float]:
+    """Those of `EGO_SPEEDS` that are possible: none where neighbouring sweeps meet by the stated speed."""
+    measured = measured_motion(recording, scan_steps(recording))
+    return {} if len(measured.middle_ns) >= CONFIRMED_BY else EGO_SPEEDS
+
+
+def _wrong_ego_speed(reading: str, got: str, recording: Recording, times: int, others: Sequence[str] = ()) -> Finding:
+    hint = "; or ".join([f"multiply the speed by {EGO_SPEEDS[reading]:.4g}", *others])
+    file, got = recording.trajectory.source, f"{got} if {reading}"
+    return new_finding("ego-speed: labels", got, file=file, field="speed", hint=hint, times=times)
+
+
+def _headings(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Finding]:
     """Wheels roll along a body, people may walk aside: one mistake of all boxes, else object by object."""
     errors_deg = {path: errors for path in paths if (errors := _heading_errors(path)) is not None}
     wrong = {path: errors for path, errors in errors_deg.items() if errors[0] > SLIDING_DEG}
-    mean = np.mean(list(errors_deg.values()), axis=0) if wrong else np.zeros(len(HEADINGS))
-    if wrong and len(errors_deg) > 1 and mean.min() < SAME_DEG:
-        yield _heading_finding("all boxes", mean, times=len(errors_deg))
+    if not wrong:
+        return
+    ego = [name for name, factor in _ego_speeds(recording).items() if _explains_headings(factor, errors_deg)]
+    mean = np.mean(list(errors_deg.values()), axis=0)
+    of_boxes = len(errors_deg) > 1 and mean.min() < SAME_DEG
+    if ego and len(wrong) > 1 and not of_boxes:
+        worst_deg = max(errors[0] for errors in wrong.values())
+        got = f"headings of {len(wrong)} objects up to {worst_deg:.0f} degrees off, none"
+        yield _wrong_ego_speed(ego[0], got, recording, len(wrong))
+    if of_boxes:
+        yield _heading_finding("all boxes", mean, ego, times=len(errors_deg))
         return
     for path, errors in wrong.items():
         if path.track.object_class in ROLLING or len(errors_deg) == 1:
-            yield _heading_finding(object_field(path.track), errors, times=1)
+            yield _heading_finding(object_field(path.track), errors, ego, times=1)
 
 
-def _heading_errors(path: TrackPath) -> Array | None:
+def _explains_headings(ego_factor: float, paths: Iterable[TrackPath]) -> bool:
+    """With another speed of the ego vehicle all objects go where they head, or stand."""
+    errors = (_heading_errors(path, ego_factor) for path in paths)
+    return all(each is None or each[0] < SAME_DEG for each in errors)
+
+
+def _heading_errors(path: TrackPath, ego_factor: float = 1.0) -> Array | None:
     """Medians over the path of the angle between the box's x, in each of `HEADINGS`, and the way the object goes.
+
+    Args:
+        path: of the object.
+        ego_factor: by which the speed of the ego vehicle is multiplied.
 
     Returns:
         (H,) float64, degrees; None where the object does not go anywhere, or has no heading.
@@ -315,13 +348,13 @@ def _heading_errors(path: TrackPath) -> Array | None:
     least_mps = MOVING_MPS if path.track.object_class in ROLLING else WALKING_MPS
     angles = []
     for first, last in _chunks(path):
-        way = path.positions_m[last] - path.positions_m[first]
-        seconds = (path.times_ns[last] - path.times_ns[first]) / SECOND_NS
+        velocity_mps, ego_mps = _mean_velocities(path, first, last)
+        velocity_mps = velocity_mps + (ego_factor - 1.0) * ego_mps
         middle = (first + last) // 2
-        if np.hypot(*way[:2]) / seconds > least_mps and path.range_m[first] < FAR_M:
+        if np.hypot(*velocity_mps[:2]) > least_mps and path.range_m[first] < FAR_M:
             axes = path.rotations[middle].T  # vehicle_from_world
-            forward, ways = axes @ np.append(path.forward[middle], 0.0), axes @ way
-            yaw_deg, way_deg = (float(np.degrees(np.arctan2(v[1], v[0]))) for v in (forward, ways))
+            forward, way = axes @ np.append(path.forward[middle], 0.0), axes @ velocity_mps
+            yaw_deg, way_deg = (float(np.degrees(np.arctan2(v[1], v[0]))) for v in (forward, way))
             turned = np.array([sign * yaw_deg + offset_deg for _, sign, offset_deg, _ in HEADINGS]) - way_deg
             angles.append(np.abs((turned + 180.0) % 360.0 - 180.0))
     if not angles or not np.isfinite(angles).all():
@@ -329,45 +362,80 @@ def _heading_errors(path: TrackPath) -> Array | None:
     return np.asarray(np.median(angles, axis=0))
 
 
-def _heading_finding(field: str, errors_deg: Array, *, times: int) -> Finding:
+def _heading_finding(field: str, errors_deg: Array, ego: Sequence[str], *, times: int) -> Finding:
     fitting = [entry for entry, off in zip(HEADINGS, errors_deg, strict=True) if off < errors_deg.min() + SAME_DEG]
-    hint = "; or ".join(hint for *_, hint in fitting)
+    hint = "; or ".join([*(hint for *_, hint in fitting), *ego])
     severity = Severity.WARNING if times == 1 and errors_deg[0] > BACKWARDS_DEG else Severity.ERROR
     got = f"{errors_deg[0]:.0f} degrees between them; {errors_deg.min():.0f} if "
     got += " or ".join(description for description, *_ in fitting)
     return new_finding("heading", got, field=field, severity=severity, hint=hint, times=times)
 
 
-def _velocity_fault(path: TrackPath) -> tuple[str, float] | None:
-    """Fault of the stated velocities, and its size in m/s."""
+AS_STATED = "as stated"
+
+
+def _velocities(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Finding]:
+    """First the reading that explains the stated velocities of most objects, then those that explain the rest."""
+    told = {path.track.track_id: errors for path in paths if (errors := _velocity_errors(path)) is not None}
+    errors_mps = pd.DataFrame.from_dict({name: errors for name, (errors, _) in told.items()}, orient="index")
+    at_fault = pd.Series({name: fault for name, (_, fault) in told.items()}, dtype=bool)
+    right, wrong, readings = errors_mps[~at_fault], errors_mps[at_fault], list(map(str, errors_mps))
+    possible = _ego_speeds(recording) if len(wrong) else {}
+    while len(wrong):
+        fits = wrong.lt(EXPLAINED * wrong[AS_STATED], axis=0)
+        for reading in EGO_SPEEDS:  # which would be that of all objects
+            fits[reading] &= reading in possible and (right[reading] > OFF_MPS).sum() < fits[reading].sum()
+        left_mps = wrong.where(fits).sum()
+        best = max(readings, key=lambda reading: (fits[reading].sum(), -left_mps[reading]))
+        objects = wrong[fits[best]] if fits[best].any() else wrong
+        equal = [name for name in readings if fits.loc[objects.index, name].all() and objects[name].max() < OFF_MPS]
+        others = [reading for reading in equal if reading != best]
+        got = f"{len(objects)} objects off by up to {objects[AS_STATED].max():.1f} m/s"
+        if best in EGO_SPEEDS and fits[best].any():
+            yield _wrong_ego_speed(best, f"{got}, {objects[best].max():.1f} m/s", recording, len(objects), others)
+        else:
+            hint = (
+                "; or ".join([best, *others]) if fits[best].any() else "check unit, axes, and if it is over the ground"
+            )
+            got = f"{got}: {listed(list(objects.index))}"
+            yield new_finding("velocity", got, field="velocity_mps", hint=hint, times=len(objects))
+        wrong = wrong.drop(index=objects.index)
+
+
+def _velocity_errors(path: TrackPath) -> tuple[dict[str, float], bool] | None:
+    """Mean errors of the stated velocities in each reading, m/s, and whether they are wrong as stated."""
     known = np.isfinite(path.stated_mps).all(axis=1) & (path.range_m < FAR_M)
     in_vehicle = np.einsum("nji,nj->ni", path.rotations, path.stated_mps)
     chunks = []
     for first, last in _chunks(path):
         rows = slice(first, last + 1)
         if known[rows].all():
-            real = (path.positions_m[last] - path.positions_m[first]) / (path.seconds[last] - path.seconds[first])
-            means = [_mean(path.seconds[rows], values[rows]) for values in (path.stated_mps, path.ego_mps)]
-            chunks.append([real, *means, in_vehicle[rows].mean(axis=0)])
+            mean_mps = _mean(path.seconds[rows], path.stated_mps[rows])
+            chunks.append([*_mean_velocities(path, first, last), mean_mps, in_vehicle[rows].mean(axis=0)])
     if not chunks:
         return None
-    truth, stated, ego, local = np.moveaxis(np.array(chunks)[..., :2], 1, 0)
-    off = np.linalg.norm(stated - truth, axis=1)
-    allowed = np.maximum(OFF_MPS, OFF_SHARE * np.maximum(*(np.linalg.norm(v, axis=1) for v in (stated, truth))))
-    if np.mean(off > allowed) <= 0.5:
-        return None
+    truth, ego, stated, local = np.moveaxis(np.array(chunks)[..., :2], 1, 0)
     readings = {
+        AS_STATED: stated,
         "km/h instead of m/s": stated / 3.6,
         "m/s divided by 3.6 once too often": stated * 3.6,
         "relative to the vehicle instead of over the ground": stated + ego,
         "the ego vehicle's own velocity added once too often": stated - ego,
         "along the world's axes instead of the vehicle's": local,
         "the sign is reversed": -stated,
+        **{reading: stated + (1.0 - factor) * ego for reading, factor in EGO_SPEEDS.items()},
     }
-    errors = {reading: float(np.mean(np.linalg.norm(v - truth, axis=1))) for reading, v in readings.items()}
-    best = min(errors, key=lambda reading: errors[reading])
-    fits = errors[best] < 0.4 * float(off.mean())
-    return (best if fits else "check unit, axes, and whether it is over the ground"), float(np.median(off))
+    off = {reading: np.linalg.norm(values - truth, axis=1) for reading, values in readings.items()}
+    allowed = np.maximum(OFF_MPS, OFF_SHARE * np.maximum(*(np.linalg.norm(v, axis=1) for v in (stated, truth))))
+    errors = {reading: float(np.mean(values)) for reading, values in off.items()}
+    return errors, bool(np.mean(off[AS_STATED] > allowed) > 0.5)
+
+
+def _mean_velocities(path: TrackPath, first: int, last: int) -> tuple[Array, Array]:
+    """Mean velocities of the object, by its positions, and of the ego vehicle over a stretch, (3,) each, world axes."""
+    seconds, rows = path.seconds, slice(first, last + 1)
+    velocity_mps = (path.positions_m[last] - path.positions_m[first]) / (seconds[last] - seconds[first])
+    return velocity_mps, _mean(seconds[rows], path.ego_mps[rows])
 
 
 def _mean(seconds: Array, values: Array) -> Array:

@@ -1,9 +1,14 @@
-"""A street in six sweeps, each point known: the ego vehicle turns slowly, a car passes, another is parked."""
+"""A street in six sweeps, each point known: the ego vehicle turns slowly, a car passes, another is parked.
 
+And whether labels of it say the same.
+"""
+
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
@@ -132,3 +137,27 @@ def box_track(name: str, *, told: bool = True) -> Track:
         turn = CAR_RADPS if name == "car" and told else 0.0
         states.append(ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=velocity, yaw_rate_radps=turn))
     return Track(track_id=name, object_class=CLASSES[name], states=tuple(states))
+
+
+def assert_same_boxes(found, expected, *, within=1e-9):
+    """Same objects, times, places, sizes and headings; velocities and the rest are compared elsewhere."""
+    told = [
+        [(track.track_id, track.object_class, [state.timestamp_ns for state in track.states]) for track in tracks]
+        for tracks in (found, expected)
+    ]
+    assert told[0] == told[1]
+    for one, other in zip(found, expected, strict=True):
+        for state, true in zip(one.states, other.states, strict=True):
+            assert isinstance(state.shape, Cuboid)
+            matrix = true.shape.vehicle_from_object.matrix
+            assert state.shape.vehicle_from_object.matrix == pytest.approx(matrix, abs=within)
+            assert state.shape.size_m == pytest.approx(true.shape.size_m, abs=within)
+
+
+def written(format_, tracks, recording, folder):
+    """Write tracks into a folder; what the format cannot hold."""
+    files, lost = format_.write(replace(recording, tracks=tuple(tracks)))
+    for name, content in files.items():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    return lost

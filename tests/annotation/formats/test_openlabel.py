@@ -20,7 +20,7 @@ from bench.recordings import (
     write_annotations,
 )
 from tests.annotation.formats import street
-from tests.annotation.formats.same import assert_same_boxes, written
+from tests.annotation.formats.street import assert_same_boxes, written
 from tests.support.real import REAL, needs_real
 
 PLAIN = LabelOptions()

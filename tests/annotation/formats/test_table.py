@@ -1,15 +1,18 @@
 """Tables of boxes: as a few lines of pandas make them, in every frame, and what is no such table."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from bench.annotation.formats import LabelOptions, import_labels
-from bench.annotation.formats.table import REQUIRED, VELOCITY
+from bench.annotation.formats.table import REQUIRED, VELOCITY, BoxTable
 from bench.errors import DataError
 from bench.geometry import RigidTransform
+from bench.recordings import GroundPolygon, ObjectState, PointIndices, Track
 from tests.annotation.formats import street
-from tests.annotation.formats.same import assert_same_boxes
+from tests.annotation.formats.street import assert_same_boxes
 
 PLAIN = LabelOptions()
 FRAMES = ("vehicle", "lidar", "world")
@@ -85,6 +88,33 @@ def test_other_names_of_frames_and_further_columns_are_told(tmp_path, drive):
     unnamed = put(tmp_path, table(drive).assign(frame=""))
     found = import_labels("boxes", unnamed, drive, LabelOptions(frames={"": "vehicle"}))
     assert_same_boxes(found.tracks, street.box_tracks())
+
+
+def test_what_the_table_cannot_hold_is_told(drive):
+    car = street.box_track("car")
+    first = replace(car.states[0], category="crossing", unclear=True)
+    leaning = RigidTransform(street.about_axes(0.0, 0.1, 0.0)[1], np.zeros(3))
+    second = replace(car.states[1], shape=replace(car.states[1].shape, vehicle_from_object=leaning))
+    outline = GroundPolygon(outline_m=np.array([[0.0, 0], [1, 0], [1, 1]]), bottom_m=0.0, top_m=1.0)
+    points = PointIndices(indices=np.array([1]), sweep_timestamp_ns=street.TIMES_NS[1])
+    walker = [
+        ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=np.zeros(3))
+        for time_ns, shape in zip(street.TIMES_NS, (outline, points), strict=False)
+    ]
+    tracks = (
+        replace(car, states=(first, second, *car.states[2:]), instance_id=7),
+        Track(track_id="walker", object_class="pedestrian", states=tuple(walker)),
+    )
+    _, lost = BoxTable().write(replace(drive, tracks=tracks))
+    assert lost == [
+        "1 ground outlines: no field for them",
+        "1 places that are given by points: no field for them",
+        "6 yaw rates: no field for them",
+        "1 kinds of motion (category): no field for them",
+        "1 marks of unclear objects: no field for them",
+        "1 numbers in truth images (instance_id): no field for them",
+        "1 boxes that lean against the vehicle are written upright",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,16 @@
-"""CVAT's tracklets: files by hand, there and back, and what is no such file."""
+"""CVAT's tracklets: files by hand, and what is no such file."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bench.adapters.kitti_raw import DEEPEST, read_tracklets
-from bench.annotation.formats import LabelOptions, import_labels, label_format
+from bench.adapters.kitti_raw import DEEPEST
+from bench.annotation.formats import LabelOptions, import_labels
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import GroundPolygon, ObjectState, Track
 from tests.annotation.formats import street
-from tests.annotation.formats.same import assert_same_boxes, written
 
-CVAT = label_format("cvat")
 HEAD = '<?xml version="1.0" encoding="UTF-8" standalone="true" ?>\n<!DOCTYPE boost_serialization>\n'
 
 
@@ -128,52 +125,6 @@ def test_lists_that_cannot_be_paired_are_refused(tmp_path, drive, lines, first_f
     listed(tmp_path, *lines)
     with pytest.raises(DataError, match=told):
         read(file, drive, first_frame=first_frame)
-
-
-def test_what_the_format_cannot_hold_is_told(tmp_path, drive):
-    car = street.box_track("car")
-    states = list(car.states)
-    states[1] = replace(states[1], category="crossing", unclear=True)
-    size_m = np.array([5.0, 1.8, 1.5])
-    states[2] = replace(states[2], shape=replace(states[2].shape, size_m=size_m))
-    states[4] = replace(states[4], timestamp_ns=states[4].timestamp_ns + 1)
-    outline = GroundPolygon(outline_m=np.array([[0.0, 0], [1, 0], [1, 1]]), bottom_m=0.0, top_m=1.0)
-    walker = ObjectState(timestamp_ns=street.TIMES_NS[0], shape=outline, velocity_mps=np.full(3, np.nan))
-    tracks = (
-        replace(car, states=tuple(states), instance_id=7),
-        Track(track_id="walker", object_class="pedestrian", states=(walker,)),
-    )
-    assert set(written(CVAT, tracks, drive, tmp_path / "out")) == {
-        "1 ground outlines: no field for them",
-        "1 states at times at which there is no sweep",
-        "1 objects change their size: each has its median one",
-        "1 kinds of motion (category): no field for them",
-        "1 marks of unclear objects: no field for them",
-        "6 velocities: no field for them",
-        "6 yaw rates: no field for them",
-        "1 numbers in truth images (instance_id): no field for them",
-    }
-    found = read_tracklets(tmp_path / "out" / "tracklet_labels.xml")
-    assert [(tracklet.poses[0].number, len(tracklet.poses)) for tracklet in found] == [(0, 4), (5, 1)]
-
-
-def test_frames_are_counted_and_named_in_the_list(tmp_path):
-    drive = street.recording(tmp_path / "drive", names=tuple(f"{5 * i + 3:010d}" for i in range(street.SWEEPS)))
-    written(CVAT, street.box_tracks("parked"), drive, tmp_path / "out")
-    (tracklet,) = read_tracklets(tmp_path / "out/tracklet_labels.xml")
-    assert [pose.number for pose in tracklet.poses] == list(range(street.SWEEPS))
-    assert tracklet.label == "Car"
-    assert (tmp_path / "out/frame_list.txt").read_text().startswith("0 0000000003\n")
-    assert_same_boxes(read(tmp_path / "out", drive).tracks, street.box_tracks("parked"))
-    (tmp_path / "out/frame_list.txt").unlink()  # the user says by --first-frame which frames these are
-    assert_same_boxes(read(tmp_path / "out", drive, first_frame=0).tracks, street.box_tracks("parked"))
-
-
-def test_names_may_hold_anything(tmp_path, drive):
-    odd = replace(street.box_track("parked"), track_id="<&>'\"é")
-    written(CVAT, [odd], drive, tmp_path / "out")
-    (tracklet,) = read_tracklets(tmp_path / "out/tracklet_labels.xml")
-    assert tracklet.name == odd.track_id
 
 
 def test_ids_in_attributes_join_what_is_one_object(tmp_path, drive):
