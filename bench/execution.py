@@ -9,10 +9,8 @@ from __future__ import annotations
 import ctypes
 import logging
 import os
-import pickle
 import signal
 import sys
-import traceback
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -24,12 +22,9 @@ from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Lock, Thread, current_thread, main_thread
-from typing import TYPE_CHECKING, Self, TypeAlias, TypeVar
+from typing import Self, TypeAlias, TypeVar
 
 from bench.errors import DataError, UsageError
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -220,47 +215,6 @@ class ProcessExecutor(TaskExecutor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DaskExecutor(TaskExecutor):
-    """Computes tasks on a Dask cluster, whose workers see the same files under the same paths.
-
-    A worker process computes one task at a time, every library in one thread, however many threads it has.
-
-    Attributes:
-        scheduler: address, as tcp://HOST:PORT.
-        workers: processes of the cluster.
-    """
-
-    scheduler: str
-    workers: int
-
-    @classmethod
-    def connect(cls, scheduler: str) -> DaskExecutor:
-        """The executor of a cluster that has workers.
-
-        Args:
-            scheduler: address, or the file that `dask scheduler --scheduler-file` writes.
-
-        Raises:
-            UsageError: Dask is not installed.
-            DataError: no scheduler, or no worker.
-        """
-        with _dask_client(scheduler) as client:
-            workers, address = len(client.nthreads()), str(client.scheduler_info()["address"])
-        if not workers:
-            hint = f"start some: dask worker {address}"
-            raise DataError(scheduler, expected="a Dask cluster with workers", got="none", hint=hint)
-        return cls(scheduler=address, workers=workers)
-
-    def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
-        """Give each task back once with its result; Dask gives a task whose worker ends to others, some times."""
-        with _dask_client(self.scheduler) as client:
-            from distributed import KilledWorker
-
-            pool = FuturesExecutor(pool=client.get_executor(pure=False), workers=self.workers, lost=(KilledWorker,))
-            yield from pool.compute(function, tasks)
-
-
-@dataclass(frozen=True, kw_only=True)
 class FuturesExecutor(TaskExecutor):
     """Computes tasks on any executor of `concurrent.futures`, such as that of another engine.
 
@@ -278,7 +232,7 @@ class FuturesExecutor(TaskExecutor):
 
     def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Give each task back once with its result, as `TaskExecutor.compute` says."""
-        call = partial(_in_cluster, Path.cwd(), function)
+        call = partial(_in_worker, Path.cwd(), function)
         futures = {self.pool.submit(call, task): task for task in tasks}
         try:
             while futures:
@@ -291,6 +245,38 @@ class FuturesExecutor(TaskExecutor):
         finally:
             for future in futures:
                 future.cancel()
+
+
+def dask_executor(scheduler: str) -> FuturesExecutor:
+    """The executor of a Dask cluster; it gives a task whose worker ends to others, some times.
+
+    Args:
+        scheduler: address, as tcp://HOST:PORT, or the file that `dask scheduler --scheduler-file` writes.
+
+    Raises:
+        UsageError: Dask is not installed.
+        DataError: no scheduler, or no worker.
+    """
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError as error:
+        hint = "install it: pip install 'fisheye-bench[cluster]'"
+        raise UsageError(
+            f"--workers: expected a number, or Dask, which is optional, got none ({error}); {hint}"
+        ) from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)  # what matters of its messages is raised
+    named = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
+    try:
+        client = Client(**named, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
+    except (OSError, ValueError, TimeoutError) as error:
+        hint = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers N"
+        got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
+        raise DataError(scheduler, expected="a Dask scheduler", got=got, hint=hint) from error
+    workers = len(client.nthreads())
+    if not workers:
+        hint = f"start some: dask worker {client.scheduler_info()['address']}"
+        raise DataError(scheduler, expected="a Dask cluster with workers", got="none", hint=hint)
+    return FuturesExecutor(pool=client.get_executor(pure=False), workers=workers, lost=(KilledWorker,))
 
 
 def local_executor(workers: int) -> TaskExecutor:
@@ -325,19 +311,16 @@ class _Pool:
         self._theirs.close()
 
 
+_alone = Lock()  # in a worker whose threads share what a task holds
+
+
 def _in_worker(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task in the folder in which the run was started; what it raises can travel."""
+    """Compute a task in another process, in the folder in which the run was started."""
     try:
-        with chdir(folder):
+        with _alone, chdir(folder), single_threaded():
             return function(task)
-    except SystemExit as error:
+    except SystemExit as error:  # it would end the process that waits for the result
         raise RuntimeError(f"a task called sys.exit({error.code!r})") from error
-    except Exception as error:
-        try:
-            pickle.loads(pickle.dumps(error))
-        except Exception:  # noqa: BLE001 - whatever its class does when it is pickled
-            raise RuntimeError("".join(traceback.format_exception(error))) from None
-        raise
 
 
 def _start_worker(pipe: Connection, safe_path: str | None) -> None:
@@ -381,34 +364,3 @@ def _starting() -> Iterator[None]:
             signal.signal(signal.SIGINT, handler)
         if interrupts:
             signal.raise_signal(signal.SIGINT)
-
-
-_alone = Lock()  # in a worker whose threads share what a task holds
-
-
-def _in_cluster(folder: Path, function: Callable[[Task], Result], task: Task) -> Result:
-    """Compute a task on a worker of another engine, in the folder in which the run was started."""
-    with _alone, chdir(folder), single_threaded():
-        return function(task)
-
-
-@contextmanager
-def _dask_client(scheduler: str) -> Iterator[Client]:
-    """A client, whose own messages are kept back: what matters of them is raised."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        hint = "install it: pip install 'fisheye-bench[cluster]'"
-        raise UsageError(
-            f"--workers: expected a number, or Dask, which is optional, got none ({error}); {hint}"
-        ) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)  # for good: its threads outlive the client
-    named = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
-    try:
-        client = Client(**named, timeout=CONNECTION_S, set_as_default=False, name="fisheye-bench")
-    except (OSError, ValueError, TimeoutError) as error:
-        hint = "start one with `dask scheduler`, and workers with `dask worker`; or compute here, with --workers N"
-        got = f"none within {CONNECTION_S:g} s ({' '.join(str(error).split())})"
-        raise DataError(scheduler, expected="a Dask scheduler", got=got, hint=hint) from error
-    with client:
-        yield client

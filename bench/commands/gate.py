@@ -135,10 +135,8 @@ def _print_verdict(verdict: Verdict) -> None:
     if not verdict.stored and (not verdict.passed or verdict.rows_with(Outcome.SUSPECT)):
         assert verdict.baseline is not None
         assert verdict.run is not None
-        first, *commands = how_to_compare(verdict.baseline, verdict.run, folder=verdict.run_folder)
-        say(first)
-        for command in commands:
-            say(f"  {command}")
+        for line in how_to_compare(verdict.baseline, verdict.run, folder=verdict.run_folder):
+            say(line)
     if rows := main_rows(verdict):
         print_blocks([row_table(rows, caption=CAPTION)])
     if folded := folded_lines(verdict):

@@ -52,9 +52,9 @@ def _executor(workers: str | None) -> TaskExecutor:
     if "://" not in workers and not Path(workers).is_file():  # for which Dask would wait
         expected = "a number from 1 on, tcp://HOST:PORT, or the file of a scheduler"
         raise UsageError(f"--workers: expected {expected}, got {workers!r}")
-    from bench.execution import DaskExecutor
+    from bench.execution import dask_executor
 
-    return DaskExecutor.connect(workers)
+    return dask_executor(workers)
 
 
 def _settings(option: str) -> Words:

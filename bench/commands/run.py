@@ -204,7 +204,7 @@ def run(
         fisheye-bench run demo
         fisheye-bench run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1
     """
-    from bench.harness import Part, score_part
+    from bench.harness import parse_part, score_part
 
     request = run_request(
         dataset,
@@ -216,13 +216,13 @@ def run(
         out=out,
         overwrite=overwrite,
     )
-    part, executor = None if shard is None else Part.parse(shard), options.as_executor(workers)
+    part, executor = None if shard is None else parse_part(shard), options.as_executor(workers)
     options.rendered_card(request.card, request.split, executor=executor)
     if part is None:
         hint = f"a run does not validate its data; check them with: fisheye-bench validate {request.card.address}"
         remarks = [hint] if request.card.scenario is None else []
         return score(request, executor=executor, pictures=pictures, remarks=remarks, progress=progress)
-    title = f"scoring part {part} of {request.card.name}"
+    title = f"scoring part {shard} of {request.card.name}"
     with console.resumable(request.folder), console.progress_bar(title, "images", progress) as report:
         return Run(folder=request.folder, part=score_part(request, part, executor=executor, progress=report))
 
@@ -370,8 +370,7 @@ def print_runs(first: Run) -> int:
         return console.FAILURES
     for run in runs:
         summary, manifest = run.summary, run.manifest
-        warnings = (run_tables.nothing_scored(summary), run_tables.odd_masks(run.stored), *manifest.dataset.same_data)
-        for warning in filter(None, warnings):
+        for warning in filter(None, (run_tables.nothing_scored(summary), run_tables.odd_masks(run.stored))):
             console.say(warning, style="bold red")
         purpose = PURPOSES.get(manifest.protocol.name)
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"

@@ -70,19 +70,17 @@ def card_to_verify(run: Path, dataset: str | Path | DatasetCard | None) -> Datas
         UsageError: no `dataset`, and the run is of none that ships.
         DataError: the card cannot be read.
     """
-    from bench.recordings import list_cards
-    from bench.recordings.cards import shipped_folder
+    from bench.harness.datasets import shipped_card
 
     if dataset is not None:
         return options.as_card(dataset)
     name = load_run(run).manifest.dataset.name
-    shipped = {card.name: card for card in list_cards(shipped_folder())}
-    if name not in shipped:
+    if (shipped := shipped_card(name)) is None:
         raise UsageError(
             f"{run}: expected a run of a data set that ships with the package, got {name!r}; "
             f"name the card of your own copy with --data"
         )
-    return shipped[name]
+    return shipped
 
 
 def show(verification: Verification) -> int:

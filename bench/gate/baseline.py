@@ -92,7 +92,8 @@ def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> 
         count = len(run.failures)
         raise UsageError(f"a run with failures makes no baseline; this one has {count}, the first: {run.failures[0]}")
     if not allow_dirty and (code := uncommitted(run.manifest)):
-        raise UsageError(f"{code}, so that nobody can repeat the run; commit it and run again, or say --allow-dirty")
+        again = "commit it and give the same `run` again, which then computes nothing but notes the commit"
+        raise UsageError(f"{code}, so that nobody can repeat the run; {again}; or say --allow-dirty")
     write_sums(run.sums, folder / SUMS)
     write_manifest(folder / MANIFEST, run.manifest)
 
@@ -104,10 +105,8 @@ def uncommitted(run: Manifest) -> str:
         return f"when it ran, files were changed on top of commit {short_digest(own.rstrip('+'))}"
     if method.is_own or (method.commit is not None and not method.commit.endswith("+")):
         return ""
-    if method.commit is None:
-        return f"the code of method {method.name!r} is in no commit"
-    commit = short_digest(method.commit.rstrip("+"))
-    return f"when it ran, the method's files were changed on top of commit {commit} (every file of its folder counts)"
+    files = f": {', '.join(method.uncommitted)}" if method.uncommitted else ""
+    return f"when it ran, code or files of method {method.name!r} were in no commit{files}"
 
 
 def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[str, ...]:
@@ -117,25 +116,20 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
         baseline: which is sums only, without images.
         run: that was judged.
         folder: of that run.
+
+    Returns:
+        What to do, and two commands; none where the run is of other data.
     """
-    was, now, method = baseline.code, run.code, baseline.method
-    other_code = (was.version, was.commit) != (now.version, now.commit)
-    other_method = not method.is_own and method.name == run.method.name and method.code_digest != run.method.code_digest
-    hindrance = ""
     if baseline.dataset.recordings != run.dataset.recordings:
-        hindrance = "it is of other data"
-    elif other_code and was.commit is None:
-        hindrance = f"it is of version {was.version}, of an unknown commit"
-    elif other_code or other_method:
-        hindrance = uncommitted(baseline)
-    if hindrance:
-        return (f"no command makes the baseline's run again: {hindrance}",)
+        return ()
+    was, method = baseline.code, baseline.method
+    place = f", the first by {was.text}" if was.text != run.code.text else ""
+    if not method.is_own and method.name == run.method.name and method.code_digest != run.method.code_digest:
+        place += f", the first with {method.name!r} of commit {short_digest(method.commit or 'unknown')}"
     protocol = baseline.protocol.name
     rules = protocol if protocol in known_protocols() else str(folder / "protocol.json")
     words = ["run", run.dataset.card, *method.options(), "--protocol", rules]
     words += ["--split", baseline.dataset.split] if baseline.dataset.split is not None else []
     again = shlex.join(["fisheye-bench", *words, "--out", BASELINE_RUN, "--no-pictures", "--overwrite"])
-    place = f", the first in a checkout of {short_digest(str(was.commit))}" if other_code else ""
-    if other_method:
-        place += f", the first with {method.name!r} as in commit {short_digest(str(method.commit))}"
-    return f"compare image by image{place}:", again, shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
+    compare = shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
+    return f"compare image by image{place}:", f"  {again}", f"  {compare}"

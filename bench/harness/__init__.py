@@ -11,14 +11,13 @@ calibration and ego-motion, never annotations (`frames`).
 from bench.harness.counts import open_tables
 from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
-from bench.harness.run import Part, ScoredPart, run_benchmark, score_part
+from bench.harness.run import ScoredPart, parse_part, run_benchmark, score_part
 from bench.harness.stages import Provenance
 from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables
 from bench.harness.tasks import RunRequest
 
 __all__ = [
     "FramePipeline",
-    "Part",
     "ProcessedFrame",
     "Provenance",
     "RunRequest",
@@ -27,6 +26,7 @@ __all__ = [
     "StoredRun",
     "build_scorable",
     "open_tables",
+    "parse_part",
     "read_run",
     "read_tables",
     "run_benchmark",

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
 from pathlib import Path
 
 import pandas as pd
@@ -21,19 +20,10 @@ from bench.atomic import open_regular
 from bench.errors import BenchError, DataError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer
 from bench.evaluation.rows import IMAGE, OBJECT, to_frame
-from bench.harness.answers import (
-    FAILED,
-    Answer,
-    is_answered,
-    name_of,
-    read_table,
-    safe_name,
-    segmentation_of,
-    write_table,
-)
-from bench.harness.exact import exact_mask
+from bench.harness.answers import FAILED, Answer, is_answered, name_of, read_table, segmentation_of, write_table
+from bench.harness.exact import read_exact_mask
 from bench.harness.references import StoredReference, message_without_root, reference_of
-from bench.recordings import ImageRef, Recording, read_truth
+from bench.recordings import ImageRef, Recording
 
 COUNTS = "counts"
 OBJECTS, FRAMES = ".objects.parquet", ".frames.parquet"
@@ -44,57 +34,67 @@ def count_answers(
     recording: Recording,
     images: Sequence[ImageRef],
     *,
-    said: Sequence[Sequence[Answer]],
-    references: Sequence[Sequence[StoredReference]],
-    protocols: Sequence[Protocol],
-) -> list[SequenceScorer]:
-    """Count the answers of a task by protocols. An image that cannot be used is reported; the others go on.
+    answers: Sequence[Answer],
+    references: Sequence[StoredReference],
+    protocol: Protocol,
+) -> tuple[pa.Table, pa.Table]:
+    """Count the answers of a task. An image that cannot be used is reported; the others go on.
 
     Args:
         recording: the drive.
         images: of one camera, in time order.
-        said: by each protocol, of each image.
-        references: by each protocol, of each image.
-        protocols: the rules.
+        answers: of each image.
+        references: of each image.
+        protocol: the rules.
+
+    Returns:
+        objects: rows of `OBJECTS_SCHEMA`.
+        frames: rows of `FRAMES_SCHEMA`, one for each image.
     """
-    scorers = [SequenceScorer(protocol) for protocol in protocols]
-    for image, answers, rows in zip(images, zip(*said, strict=True), zip(*references, strict=True), strict=True):
-        camera = recording.cameras[image.camera]
-        truth = cache(partial(read_truth, image, camera))  # the file is decoded once for all protocols
-        for scorer, answer, row in zip(scorers, answers, rows, strict=True):
-            status, problem = answer["status"], answer["problem"]
-            if is_answered(answer):
-                try:
-                    frame = reference_of(row, recording.name)
-                    exact = None if image.truth_path is None else exact_mask(truth(), recording, frame)
-                    scorer.add(frame, segmentation_of(answer), exact=exact)
-                    continue
-                except BenchError as error:
-                    status, problem = FAILED, message_without_root(error, recording)
-            scorer.leave_out(
-                recording=recording.name,
-                camera=image.camera,
-                timestamp_ns=image.timestamp_ns,
-                status=status,
-                problem=problem,
-            )
-    return scorers
+    scorer = SequenceScorer(protocol)
+    for image, answer, row in zip(images, answers, references, strict=True):
+        status, problem = answer["status"], answer["problem"]
+        if is_answered(answer):
+            try:
+                frame = reference_of(row, recording.name)
+                scorer.add(frame, segmentation_of(answer), exact=read_exact_mask(image, recording, frame))
+                continue
+            except BenchError as error:
+                status, problem = FAILED, message_without_root(error, recording)
+        scorer.leave_out(
+            recording=recording.name,
+            camera=image.camera,
+            timestamp_ns=image.timestamp_ns,
+            status=status,
+            problem=problem,
+        )
+    return scorer.finish()
 
 
-def write_counts(folder: Path, name: str, objects: pa.Table, frames: pa.Table) -> None:
+def write_counts(results: Path, place: str, objects: pa.Table, frames: pa.Table) -> None:
     """Write the counts of a task, each file by one rename, the one that says that all are there last.
 
     Args:
-        folder: of the recording's counts.
-        name: of the task.
+        results: folder of the run's protocol.
+        place: of the task's files.
         objects: rows of `OBJECTS_SCHEMA`.
-        frames: rows of `FRAMES_SCHEMA`, one for each image.
+        frames: rows of `FRAMES_SCHEMA`.
 
     Raises:
         OutputError: the disk is full, or may not be written.
     """
-    write_table(folder / f"{name}{OBJECTS}", objects)
-    write_table(folder / f"{name}{FRAMES}", frames)
+    for suffix, table in ((OBJECTS, objects), (FRAMES, frames)):
+        write_table(results / COUNTS / f"{place}{suffix}", table)
+
+
+def counts_mark(results: Path, place: str) -> Path:
+    """The file that says that the counts of a task are there; without it they are made again.
+
+    Args:
+        results: folder of the run's protocol.
+        place: of the task's files.
+    """
+    return results / COUNTS / f"{place}{FRAMES}"
 
 
 class StoredRows:
@@ -129,21 +129,19 @@ class StoredRows:
 
     def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
         """All rows of some recordings, in the order of the files."""
-        return to_frame(self._table(recordings, columns))
+        return to_frame(self.table(columns, recordings))
 
-    def table(self, columns: Sequence[str]) -> pa.Table:
-        """Some columns of all of it, in memory."""
-        return self._table([*self._files], columns)
-
-    def _table(self, recordings: Sequence[str], columns: Sequence[str]) -> pa.Table:
+    def table(self, columns: Sequence[str], recordings: Sequence[str] | None = None) -> pa.Table:
+        """Some columns of some recordings, or of all of it, in memory."""
+        chosen = [*self._files] if recordings is None else recordings
         schema = pa.schema([self._schema.field(name) for name in columns])
         tables = [schema.empty_table()]
-        for file in [file for name in recordings for file in self._files.get(name, ())]:
+        for file in [file for name in chosen for file in self._files.get(name, ())]:
             with _readable(file):
                 tables.append(read_table(file, columns=list(columns)).cast(schema))
         rows = pa.concat_tables(tables)
         if set(self._key) <= set(columns) and rows.group_by(self._key).aggregate([]).num_rows < len(rows):
-            where = f"recordings {', '.join(recordings)}"
+            where = f"recordings {', '.join(chosen)}"
             raise DataError(where, field=", ".join(self._key), expected="each row once", got="one twice", hint=REMOVE)
         return rows
 
@@ -163,37 +161,6 @@ def open_tables(folder: Path) -> tuple[StoredRows, StoredRows]:
     """
     counts = folder / COUNTS
     return StoredRows(counts, OBJECTS, OBJECTS_SCHEMA), StoredRows(counts, FRAMES, FRAMES_SCHEMA)
-
-
-def is_counted(folder: Path, name: str) -> bool:
-    """Whether the counts of a task are there.
-
-    Args:
-        folder: of the recording's counts.
-        name: of the task.
-    """
-    return (folder / f"{name}{FRAMES}").is_file()
-
-
-def remove_counts(folder: Path, name: str) -> None:
-    """Remove the counts of a task, the file that says that all are there first.
-
-    Args:
-        folder: of the recording's counts.
-        name: of the task.
-    """
-    for suffix in (FRAMES, OBJECTS):
-        (folder / f"{name}{suffix}").unlink(missing_ok=True)
-
-
-def counts_folder(folder: Path, recording: str) -> Path:
-    """Folder of a recording's counts.
-
-    Args:
-        folder: of the run's protocol.
-        recording: name.
-    """
-    return folder / COUNTS / safe_name(recording)
 
 
 @contextmanager

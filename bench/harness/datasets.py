@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import UnknownNameError
+from bench.errors import BenchError, UnknownNameError
 from bench.evaluation import load_protocol
 from bench.evaluation.counts import count_frame
 from bench.harness.answers import is_answered, segmentation_of
-from bench.harness.exact import exact_mask
+from bench.harness.exact import read_exact_mask
 from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
 from bench.harness.stored import StoredRun, find_answer
 from bench.methods import MethodInput
-from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, load_card, read_truth
+from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, list_cards, load_card
 from bench.recordings import open_dataset as list_recordings
+from bench.recordings.cards import shipped_folder
 from bench.reference import ReferenceFrame
 
 
@@ -175,15 +176,33 @@ def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[F
             given, reference = pipeline.method_input(index), pipeline.reference(index)
         except UnscorableFrame:
             continue
-        ids = read_truth(image, pipeline.camera) if exact and image.truth_path is not None else None
         yield Frame(
             recording=pipeline.recording.name,
             camera=pipeline.camera.name,
             timestamp_ns=image.timestamp_ns,
             input=given,
             reference=reference,
-            exact=None if ids is None else exact_mask(ids, pipeline.recording, reference),
+            exact=read_exact_mask(image, pipeline.recording, reference) if exact else None,
         )
+
+
+def shipped_card(name: str) -> DatasetCard | None:
+    """The card of a data set that ships with the package; None where it is none of these."""
+    return next((card for card in list_cards(shipped_folder()) if card.name == name), None)
+
+
+def card_of_run(run: StoredRun) -> DatasetCard:
+    """The card by which the data of a run are found: the one that it names, else the shipped one of this name.
+
+    Raises:
+        BenchError: neither can be read.
+    """
+    try:
+        return load_card(run.manifest.dataset.card)
+    except BenchError:  # the run was made in another folder, or on another machine
+        if (shipped := shipped_card(run.manifest.dataset.name)) is None:
+            raise
+        return shipped
 
 
 COMPARED = ("valid_px", "reference_px", "ignored_px", "tp_px", "fp_px")
@@ -197,16 +216,16 @@ class StoredFrames:
 
     Args:
         run: whose images they are.
-        card: the data set; None for the card that the run names.
+        card: the data set; None for that of `card_of_run`.
 
     Raises:
         DataError: its card or data set is not there.
     """
 
     def __init__(self, run: StoredRun, *, card: DatasetCard | None = None) -> None:
-        named = card or load_card(run.manifest.dataset.card)
+        card = card or card_of_run(run)
         self._run = run
-        self._dataset = Dataset(card=named, handles=list_recordings(named, run.manifest.dataset.split))
+        self._dataset = Dataset(card=card, handles=list_recordings(card, run.manifest.dataset.split))
         # A recording at a time, or memory would grow with their number.
         self.pipeline = lru_cache(maxsize=1)(self._pipeline)
         self._counts = lru_cache(maxsize=1)(self._read_counts)

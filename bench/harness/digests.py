@@ -9,9 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
-from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
-from importlib.resources.abc import Traversable
 from pathlib import Path, PurePath
 from types import BuiltinFunctionType, FunctionType, MappingProxyType
 from typing import Any
@@ -21,10 +19,12 @@ from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from shapely.geometry.base import BaseGeometry
 
+import bench
 from bench.atomic import open_regular
 from bench.errors import DataError
 from bench.records.recording import Recording, StoredPart
 
+PACKAGE = Path(bench.__file__).parent
 SHORT_DIGEST_CHARS = 12
 METRIC_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "shapely", "pandas", "pyarrow")
 OPTIONAL_LIBRARIES = (
@@ -217,15 +217,7 @@ def code_digest(sources: tuple[str, ...]) -> str:
     Args:
         sources: packages or files below `bench/`.
     """
-    package = resources.files("bench")
-    files = {name: file for source in sources for name, file in _sources(package.joinpath(source), source)}
-    return digest_of({name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()})
-
-
-def _sources(source: Traversable, name: str) -> Iterator[tuple[str, Traversable]]:
-    if source.is_file():
-        yield name, source
-        return
-    for entry in source.iterdir():
-        if entry.is_dir() or entry.name.endswith((".py", ".yaml")):
-            yield from _sources(entry, f"{name}/{entry.name}")
+    places = [PACKAGE / source for source in sources]
+    files = [file for place in places for file in (place.rglob("*") if place.is_dir() else [place])]
+    names = {file.relative_to(PACKAGE).as_posix(): file for file in files if file.suffix in (".py", ".yaml")}
+    return digest_of({name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in names.items()})

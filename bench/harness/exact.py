@@ -62,14 +62,14 @@ class ExactMasks(Scorable):
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         """The pixels of every annotated object that moves, evaluated or not."""
-        if image.truth_path is None:
+        mask = read_exact_mask(image, recording, reference)
+        if mask is None:
             raise DataError(
                 recording.root,
                 expected="exact masks (truth/<camera>/<timestamp_ns>.png)",
                 got="a recording without",
                 hint="only simulated data have them: score a method, or --method reference",
             )
-        mask = exact_mask(read_truth(image, recording.cameras[image.camera]), recording, reference)
         if self.cell_size_px > 1:
             mask = ray_grid(recording.cameras[image.camera].model, self.cell_size_px).at_centres(mask)
         return Segmentation(cell_size_px=self.cell_size_px, mask=mask)
@@ -104,6 +104,17 @@ def exact_mask(ids: NDArray[np.uint16], recording: Recording, reference: Referen
         reference: of the image.
     """
     return np.isin(ids, np.array(moving_instances(recording, reference), dtype=np.int64))
+
+
+def read_exact_mask(image: ImageRef, recording: Recording, reference: ReferenceFrame) -> NDArray[np.bool_] | None:
+    """The exact mask of an image; None where the data have none.
+
+    Raises:
+        DataError: its file cannot be used.
+    """
+    if image.truth_path is None:
+        return None
+    return exact_mask(read_truth(image, recording.cameras[image.camera]), recording, reference)
 
 
 ORACLES = {"reference": "bench.harness.exact:ReferenceItself", "truth": "bench.harness.exact:ExactMasks"}

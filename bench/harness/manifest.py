@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, packages_distributions, version
 from pathlib import Path
 from site import getsitepackages, getusersitepackages
 from types import MappingProxyType
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -40,6 +42,7 @@ MANIFEST = "manifest.json"
 ANSWERS_MANIFEST = "run.json"
 RECORDING_DIGEST_CHARS = 16  # characters of the digest of a recording's content that say whether it changed
 LISTED = 4  # recordings that a sentence lists
+NAMED_FILES = 3  # that are not as committed
 PREDICTIONS_DIGEST = "digest"  # a setting of predictions from disk: their content, which is data
 UNIDENTIFIED = "unidentified"
 
@@ -65,18 +68,6 @@ class DatasetOfRun(_Part):
     input_errors: dict[str, float] = Field(default_factory=dict)
     recordings: dict[str, str] = Field(default_factory=dict)
 
-    @property
-    def same_data(self) -> tuple[str, ...]:
-        """A sentence for recordings that hold the same data, which intervals take as independent."""
-        names: dict[str, list[str]] = {}
-        for name, digest in self.recordings.items():
-            names.setdefault(digest, []).append(name)
-        return tuple(
-            f"Recordings {', '.join(map(repr, same))} hold the same data; intervals take them as independent."
-            for same in names.values()
-            if len(same) > 1
-        )
-
 
 class MethodOfRun(_Part):
     """Method that made the metrics; what a stored file names is never imported from here.
@@ -89,9 +80,10 @@ class MethodOfRun(_Part):
         history: images that it needs before the one that it segments.
         code_digest: of the package that holds its class, or of the modules beside it, and of the files that it reads;
             `UNIDENTIFIED` where no file holds the class, as in a notebook's cell: such a run is computed anew.
-        commit: of the checkout that its own code is of, "+" behind it where a file is not as committed; distribution
-            and version of an installed one; None for a method of this package, and for code in no commit. It decides
-            nothing.
+        commit: of the checkout that its own code is of, "+" behind it where a file of `code_digest` is not as
+            committed; distribution and version of an installed one; None for a method of this package, and for code in
+            no commit. It decides nothing.
+        uncommitted: names of the first such files.
     """
 
     name: str
@@ -101,6 +93,7 @@ class MethodOfRun(_Part):
     history: int
     code_digest: str
     commit: str | None = None
+    uncommitted: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, method: Scorable, *, asked: Mapping[str, object] = MappingProxyType({})) -> MethodOfRun:
@@ -111,8 +104,7 @@ class MethodOfRun(_Part):
         """
         refuse_unfit(method)
         kind = type(method)
-        module = getattr(sys.modules.get(kind.__module__), "__file__", None)
-        own = kind.__module__.partition(".")[0] == "bench"
+        commit, uncommitted = _origin(method)
         return cls(
             name=method.name,
             settings=json.loads(json.dumps(method.settings(), default=str)),
@@ -120,7 +112,8 @@ class MethodOfRun(_Part):
             place=f"{kind.__module__}:{kind.__qualname__}",
             history=method.history,
             code_digest=method_digest(method),
-            commit=None if own or module is None else _origin(kind.__module__, Path(module).resolve()),
+            commit=commit,
+            uncommitted=uncommitted,
         )
 
     @property
@@ -179,6 +172,7 @@ class CodeOfRun(_Part):
     counts: str
 
     @classmethod
+    @cache
     def here(cls) -> CodeOfRun:
         """The code of this process."""
         return cls(
@@ -249,9 +243,9 @@ class Aspect(StrEnum):
     REFERENCE = "reference"
 
 
+Values = Mapping[str, object]
 _INCOMPARABLE = {Aspect.DATASET, Aspect.SPLIT, Aspect.PROTOCOL}
-# Aspects whose text says what it is of, with what stands between a name and its value.
-_NAMED = {Aspect.SETTINGS: " = ", Aspect.INPUT_ERRORS: " = ", Aspect.CODE: " ", Aspect.METHOD_CODE: ""}
+_NAMED = {Aspect.SETTINGS, Aspect.INPUT_ERRORS, Aspect.CODE, Aspect.METHOD_CODE}  # their text says what it is of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -263,7 +257,7 @@ class Difference:
         before: of the first run, in words.
         after: of the second.
         lead: words before these.
-        name: of the setting, input error or library; "" where there is only one such thing.
+        name: of the setting; "" for all else.
         decides: results may differ by it; False for the commit alone.
     """
 
@@ -295,60 +289,48 @@ def differences(before: AnswersManifest, after: AnswersManifest) -> tuple[Differ
         before: the first run.
         after: the second run, of which sentences say "..., was ...".
     """
-    found = [*_digests(before, after)]
-    counted = isinstance(before, Manifest) and isinstance(after, Manifest)
-    left_out: set[Aspect] = set() if counted else {Aspect.PROTOCOL}
-    if before.method.name != after.method.name:
-        left_out |= {Aspect.SETTINGS, Aspect.METHOD_CODE}
-    was, now = dict(_values(before)), dict(_values(after))
-    for aspect, name in sorted(key for key in was.keys() | now.keys() if was.get(key) != now.get(key)):
-        absent = "not loaded" if aspect is Aspect.CODE else None
-        values = (str(side.get((aspect, name), absent)) for side in (was, now))
-        lead = f"{name}{_NAMED[aspect]}" if name else ""
-        found.append(Difference(aspect=aspect, before=next(values), after=next(values), lead=lead, name=name))
-    order = list(Aspect)
-    kept = (one for one in found if one.aspect not in left_out)
-    return tuple(sorted(kept, key=lambda one: order.index(one.aspect)))
+    found: list[Difference] = []
 
+    def compare(aspect: Aspect, was: Any, now: Any, *, text: Callable[[Any], str] = str, **more: Any) -> None:
+        if was != now:
+            found.append(Difference(aspect=aspect, before=text(was), after=text(now), **more))
 
-def _values(manifest: AnswersManifest) -> Iterator[tuple[tuple[Aspect, str], object]]:
-    """Values of a manifest, by aspect and name."""
-    data, method = manifest.dataset, manifest.method
-    yield (Aspect.DATASET, ""), repr(data.name)
-    yield (Aspect.SPLIT, ""), "none" if data.split is None else repr(data.split)
-    yield (Aspect.METHOD, ""), repr(method.name)
-    if isinstance(manifest, Manifest):
-        yield (Aspect.PROTOCOL, ""), protocol_text(manifest.protocol)
-    for aspect, named in (
-        (Aspect.INPUT_ERRORS, data.input_errors),
-        (Aspect.SETTINGS, all_settings(method)),
-        (Aspect.CODE, manifest.code.libraries),
-    ):
-        yield from (((aspect, name), value) for name, value in named.items())
+    def compare_digests(aspect: Aspect, was: str, now: str, lead: str = "") -> None:
+        compare(aspect, was, now, text=short_digest, lead=f"{lead}digest ")
 
+    def compare_named(aspect: Aspect, was: Values, now: Values, between: str = " = ", absent: object = None) -> None:
+        for name in sorted((was.keys() | now.keys()) - {PREDICTIONS_DIGEST}):
+            compare(aspect, was.get(name, absent), now.get(name, absent), lead=f"{name}{between}", name=name)
 
-def _digests(before: AnswersManifest, after: AnswersManifest) -> Iterator[Difference]:
-    """Differences of what is told by digests; those of counts only where both are of results."""
-    counted = isinstance(before, Manifest) and isinstance(after, Manifest)
-    was, now = before.code, after.code
-    code = [digest_of(one.answers, one.counts if counted else "") for one in (was, now)]
-    if (was.version, was.commit) != (now.version, now.commit):
-        decides = code[0] != code[1]
-        yield Difference(aspect=Aspect.CODE, before=was.text, after=now.text, decides=decides)
-        code = []
-    recordings = [one.dataset.recordings for one in (before, after)]
-    changed = "".join(f"{text}; " for text in _changed_recordings(*recordings))
-    references = [one.reference for one in (before, after) if isinstance(one, Manifest)]
-    told: list[tuple[Aspect, str, Sequence[str | None]]] = [
-        (Aspect.CODE, f"other code of {now.text}: ", code),
-        (Aspect.METHOD_CODE, "the method's own code, or files: ", [one.method.code_digest for one in (before, after)]),
-        (Aspect.DATA, changed, [digest_of(one) for one in recordings] if changed else []),
-        (Aspect.REFERENCE, "", references),
-    ]
-    for aspect, lead, digests in told:
-        if len(digests) == 2 and None not in digests and digests[0] != digests[1]:
-            texts = [short_digest(str(digest)) for digest in digests]
-            yield Difference(aspect=aspect, before=texts[0], after=texts[1], lead=f"{lead}digest ")
+    data, new_data, code, new_code = before.dataset, after.dataset, before.code, after.code
+    method, new_method = before.method, after.method
+    counted = [run for run in (before, after) if isinstance(run, Manifest)]
+    compare(Aspect.DATASET, data.name, new_data.name, text=repr)
+    compare(Aspect.SPLIT, data.split, new_data.split, text=lambda split: "none" if split is None else repr(split))
+    compare_named(Aspect.INPUT_ERRORS, data.input_errors, new_data.input_errors)
+    compare(Aspect.METHOD, method.name, new_method.name, text=repr)
+    if method.name == new_method.name:
+        compare_named(Aspect.SETTINGS, all_settings(method), all_settings(new_method))
+    if len(counted) == 2:
+        compare(Aspect.PROTOCOL, counted[0].protocol, counted[1].protocol, text=protocol_text)
+    digests = [digest_of(one.answers, one.counts if len(counted) == 2 else "") for one in (code, new_code)]
+    if code.text == new_code.text:
+        compare_digests(Aspect.CODE, digests[0], digests[1], f"other code of {code.text}: ")
+    else:
+        compare(Aspect.CODE, code.text, new_code.text, decides=digests[0] != digests[1])
+    compare_named(Aspect.CODE, code.libraries, new_code.libraries, " ", "not loaded")
+    if method.name == new_method.name:
+        content = [str(one.settings.get(PREDICTIONS_DIGEST)) for one in (method, new_method)]
+        compare_digests(Aspect.METHOD_CODE, content[0], content[1], "other predictions in the folder: ")
+        compare_digests(
+            Aspect.METHOD_CODE, method.code_digest, new_method.code_digest, "the method's own code, or files: "
+        )
+    if changed := "".join(f"{text}; " for text in _changed_recordings(data.recordings, new_data.recordings)):
+        compare_digests(Aspect.DATA, digest_of(data.recordings), digest_of(new_data.recordings), changed)
+    references = [run.reference for run in counted if run.reference is not None]
+    if len(references) == 2:
+        compare_digests(Aspect.REFERENCE, *references)
+    return tuple(found)
 
 
 def all_settings(method: MethodOfRun) -> dict[str, object]:
@@ -377,9 +359,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """Name the recordings with other data; nothing where a side does not say."""
-    if not (was and now):
-        return
+    """Name the recordings with other data."""
     common = was.keys() & now.keys()
     for kind, names, count in (
         ("changed", {name for name in common if was[name] != now[name]}, len(common)),
@@ -394,7 +374,7 @@ def package_commit() -> str | None:
     """Commit of the checkout that the package runs from, "+" behind it where files were changed; or of the repository
     that pip installed it from; None where neither is known."""
     package = Path(bench.__file__).resolve()
-    commit = commit_of(package)
+    commit, _ = _commit_of(package, [package.parent])
     if commit is not None:
         return commit
     try:
@@ -414,30 +394,29 @@ def method_digest(method: Scorable) -> str:
     Raises:
         UsageError: a file that it lists is not there.
     """
-    sources = dict(_sources(type(method).__module__))
+    sources = _sources(type(method).__module__)
     if not sources and not type(method).__module__.startswith("bench."):
         return UNIDENTIFIED
     files = {f"file {name}": path for name, path in _listed_files(method)}
     return digest_of({name: digest_file(path) for name, path in (sources | files).items()})
 
 
-def _sources(module: str) -> Iterator[tuple[str, Path]]:
+def _sources(module: str) -> dict[str, Path]:
     """Sources of the package that holds a module, or of the modules beside it; none of this package, which counts by
     itself."""
     top = module.partition(".")[0]
     file = getattr(sys.modules.get(module), "__file__", None)
     if top == "bench" or file is None:
-        return
+        return {}
     package = getattr(sys.modules.get(top), "__file__", None) if "." in module else file
     place = Path(package or file).resolve()
     if place.name == "__init__.py":
-        found = sorted(place.parent.rglob("*.py"))
+        paths = sorted(place.parent.rglob("*.py"))
     elif place.parent in _libraries():
-        found = [place]
+        paths = [place]
     else:
-        found = sorted({place, *place.parent.glob("*.py")})
-    for path in found:
-        yield path.relative_to(place.parent).as_posix(), path
+        paths = sorted({place, *place.parent.glob("*.py")})
+    return {path.relative_to(place.parent).as_posix(): path for path in paths}
 
 
 def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
@@ -447,30 +426,38 @@ def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
         if path.is_file():
             yield path.name, path
         elif path.is_dir():
-            for file in sorted(found for found in path.rglob("*") if found.is_file()):
+            for file in sorted(file for file in path.rglob("*") if file.is_file()):
                 yield f"{path.name}/{file.relative_to(path).as_posix()}", file
         else:
             raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")
 
 
-def _origin(module: str, file: Path) -> str | None:
+def _origin(method: Scorable) -> tuple[str | None, tuple[str, ...]]:
+    """Commit of a method's own code, or its distribution, and the first of its files that are not as committed."""
+    name = type(method).__module__
+    sources = [*_sources(name).values()]
+    if not sources:
+        return None, ()
+    file = Path(str(sys.modules[name].__file__)).resolve()
     if any(file.is_relative_to(folder) for folder in _libraries()):
-        names = packages_distributions().get(module.partition(".")[0], ())
-        return ", ".join(f"{name} {version(name)}" for name in names) or None
-    return commit_of(file)
+        names = packages_distributions().get(name.partition(".")[0], ())
+        return ", ".join(f"{own} {version(own)}" for own in names) or None, ()
+    return _commit_of(file, [*sources, *(path for _, path in _listed_files(method))])
 
 
 def _libraries() -> list[Path]:
     return [Path(folder).resolve() for folder in (*getsitepackages(), getusersitepackages())]
 
 
-def commit_of(file: Path) -> str | None:
-    """Commit of the checkout that holds a file, "+" behind it where files of its folder are not as committed; None
-    where no commit holds it."""
+def _commit_of(file: Path, paths: Sequence[Path]) -> tuple[str | None, tuple[str, ...]]:
+    """Commit of the checkout that holds a file, "+" behind it where one of some paths is not as committed, and the
+    names of the first of these; None where no commit holds the file."""
     if _git(file.parent, "ls-files", "--error-unmatch", "--", file.name) is None:
-        return None
-    commit, changed = _git(file.parent, "rev-parse", "HEAD"), _git(file.parent, "status", "--porcelain", "--", ".")
-    return None if commit is None else commit.strip() + ("" if changed == "" else "+")
+        return None, (file.name,)
+    commit = _git(file.parent, "rev-parse", "HEAD")
+    changed = _git(file.parent, "status", "--porcelain", "--", *(str(path.resolve()) for path in paths))
+    names = [Path(line[3:].strip('"')).name for line in (changed or "").splitlines()]
+    return None if commit is None else commit.strip() + ("" if changed == "" else "+"), tuple(names[:NAMED_FILES])
 
 
 def _git(folder: Path, *words: str) -> str | None:

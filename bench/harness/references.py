@@ -7,6 +7,7 @@ out of date; the folder may be removed at any time.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -31,15 +32,6 @@ CACHE_VARIABLE = "FISHEYE_BENCH_CACHE"
 LIMIT_BYTES = 4 << 30
 
 _ENUMS = {"status": Status, "reason": IgnoreReason, "category": Category, "direction": Direction}
-_OBJECT = pa.struct(
-    [
-        *((name, pa.string()) for name in ("track_id", "object_class", *_ENUMS)),
-        *((name, pa.float64()) for name in ("speed_mps", "range_m")),
-        *((name, pa.int64()) for name in ("points", "polygon_px", "region_px", "unknown_px")),
-        ("centroid_m", pa.list_(pa.float64())),
-        ("polygon", pa.binary()),  # WKB
-    ]
-)
 _KINDS = ("ignored", "unknown", "left_out", "valid")
 # Pixels are runs of equal label and kind, in rows from the first pixel: where each begins, int32, and what it is.
 REFERENCES_SCHEMA = pa.schema(
@@ -54,7 +46,7 @@ REFERENCES_SCHEMA = pa.schema(
         ("starts", pa.binary()),  # int32
         ("labels", pa.binary()),  # int32
         ("kinds", pa.binary()),  # uint8, bits in the order of `_KINDS`
-        ("objects", pa.list_(_OBJECT)),
+        ("objects", pa.string()),  # JSON: the fields of each, polygons as WKB in hexadecimal digits
     ]
 )
 StoredReference = Mapping[str, Any]  # a row of `REFERENCES_SCHEMA`; what is missing is null
@@ -125,7 +117,7 @@ def reference_of(row: StoredReference, recording: str) -> ReferenceFrame:
     kinds = spread(row["kinds"], np.uint8)
     return ReferenceFrame(
         recording=recording,
-        objects=tuple(_object(item) for item in row["objects"]),
+        objects=tuple(_object(item) for item in json.loads(row["objects"])),
         labels=spread(row["labels"], np.int32),
         camera=row["camera"],
         timestamp_ns=row["timestamp_ns"],
@@ -183,17 +175,17 @@ def reference_row(frame: ReferenceFrame) -> StoredReference:
         "starts": starts.astype(np.int32).tobytes(),
         "labels": labels[starts].astype(np.int32).tobytes(),
         "kinds": kinds[starts].tobytes(),
-        "objects": [_object_row(item) for item in frame.objects],
+        "objects": json.dumps([_object_row(item) for item in frame.objects]),
     }
 
 
-def _object_row(item: ReferenceObject) -> Mapping[str, Any]:
+def _object_row(item: ReferenceObject) -> dict[str, Any]:
     row = {name: getattr(item, name) for name in ReferenceObject.__slots__}
-    outline = None if item.polygon is None else item.polygon.wkb
+    outline = None if item.polygon is None else item.polygon.wkb_hex
     return row | {"centroid_m": item.centroid_m.tolist(), "polygon": outline}
 
 
-def _object(row: Mapping[str, Any]) -> ReferenceObject:
+def _object(row: dict[str, Any]) -> ReferenceObject:
     enums: dict[str, Any] = {name: None if row[name] is None else kind(row[name]) for name, kind in _ENUMS.items()}
     polygon = None if row["polygon"] is None else shapely.from_wkb(row["polygon"])
     return ReferenceObject(**{**row, **enums, "centroid_m": np.array(row["centroid_m"]), "polygon": polygon})

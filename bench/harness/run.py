@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TypeVar
 
 from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import DataError, UsageError
@@ -29,22 +28,20 @@ from bench.harness.manifest import (
     Aspect,
     CodeOfRun,
     DatasetOfRun,
-    Manifest,
     MethodOfRun,
     differences,
+    read_manifest,
     write_manifest,
 )
 from bench.harness.references import evict_cache
 from bench.harness.stages import Progress, Provenance, largest_resident_mb, provenance_since
 from bench.harness.stored import RESULT_FILES, SUMMARY, SUMS, StoredRun, failed_images, write_run
 from bench.harness.tasks import (
-    Code,
     Outcome,
     PlannedRecording,
     RunRequest,
     Task,
     ask_again,
-    code_here,
     plan_recording,
     process_task,
 )
@@ -58,36 +55,23 @@ SERIAL = SerialExecutor()
 LISTED = 3
 REPLACE = "give another folder with --out, or replace what is there with --overwrite"
 
-Read = TypeVar("Read", bound=AnswersManifest)
 Finish = Callable[[StoredRun], object]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """A part of a run: every `count`-th task, from the `number`-th on. A run in one piece is part 1 of 1.
+Part = tuple[int, int]  # number, from 1, and count: every `count`-th task of a run, from the `number`-th on
+WHOLE: Part = (1, 1)
 
-    Attributes:
-        number: from 1.
-        count: of parts.
+
+def parse_part(text: str) -> Part:
+    """The part of a run that "2/8" names.
+
+    Raises:
+        UsageError: anything else.
     """
-
-    number: int = 1
-    count: int = 1
-
-    def __str__(self) -> str:
-        return f"{self.number}/{self.count}"
-
-    @classmethod
-    def parse(cls, text: str) -> Part:
-        """From "2/8".
-
-        Raises:
-            UsageError: anything else.
-        """
-        numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
-        if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
-            raise UsageError(f"--shard: expected I/N with I from 1 to N, for example 2/8, got {text!r}")
-        return cls(number=int(numbers[1]), count=int(numbers[2]))
+    numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+    if not numbers or not 1 <= int(numbers[1]) <= int(numbers[2]):
+        raise UsageError(f"--shard: expected I/N with I from 1 to N, for example 2/8, got {text!r}")
+    return int(numbers[1]), int(numbers[2])
 
 
 def run_benchmark(
@@ -118,7 +102,7 @@ def run_benchmark(
             that is no run or is in use by another one, or there is no space for the results.
         UsageError: the method cannot be copied for each task, or other processes cannot import it.
     """
-    with _scored(request, Part(), executor, progress) as scored:
+    with _scored(request, WHOLE, executor, progress) as scored:
         stored = []
         for results, protocol in request.results.items():
             stored.append(_write_results(results, protocol, request, scored))
@@ -191,7 +175,7 @@ class ScoredPart:
 @contextmanager
 def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: Progress | None) -> Iterator[ScoredPart]:
     """Hold the folder of a run and take a part of its tasks through all stages."""
-    start_s, handles = perf_counter(), request.recordings()  # before anything is written
+    start_s, handles, alone = perf_counter(), request.recordings(), part == WHOLE  # before anything is written
     own_copy(request.method)
     method = MethodOfRun.of(request.method, asked=request.settings)
     if not (method.is_identified or isinstance(executor, SerialExecutor)):
@@ -200,20 +184,18 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
             f"holds; put it into a file, or score with one worker"
         )
     make_folder(request.folder)
-    with folder_lock(request.folder, shared=part.count > 1, wait=False), executor:
+    with folder_lock(request.folder, shared=not alone, wait=False), executor:
         refuse_foreign(request.folder)
-        if part.count == 1:  # nobody else writes here
-            _remove_half_written(request.folder)
-        code = code_here(request.method)
-        recordings = _plan(request, handles, executor, progress)
-        manifest = _manifest(request, method, recordings)
-        _begin(request, manifest)
+        if progress is not None:
+            progress(0, 0)
+        recordings = _plan(request, handles, executor)
+        manifest = _begin(request, method, recordings)
         tasks = [task for recording in recordings for task in recording.tasks]
         try:
-            outcomes = _process(request, code, tasks[part.number - 1 :: part.count], executor, progress)
+            outcomes = _process(request, manifest, tasks[part[0] - 1 :: part[1]], executor, progress)
         finally:
-            if part.count == 1:  # a worker may have been killed while it wrote
-                _remove_half_written(request.folder)
+            if alone:  # a worker, or a run before, may have been killed while it wrote, and nobody else writes here
+                _remove(*(entry for entry in request.folder.rglob(".*") if is_temporary(entry.name)))
         evict_cache()
         if request.flow_cache is not None:
             evict_flow(request.flow_cache)
@@ -227,12 +209,8 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         )
 
 
-def _plan(
-    request: RunRequest, handles: Sequence[RecordingHandle], executor: TaskExecutor, progress: Progress | None
-) -> list[PlannedRecording]:
+def _plan(request: RunRequest, handles: Sequence[RecordingHandle], executor: TaskExecutor) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
-    if progress is not None:
-        progress(0, 0)
     planned: dict[str, PlannedRecording] = {}
     with closing(executor.compute(partial(plan_recording, request.method), handles)) as results:
         for handle, recording in results:
@@ -244,20 +222,24 @@ def _plan(
 
 
 def _process(
-    request: RunRequest, code: Code, tasks: Sequence[Task], executor: TaskExecutor, progress: Progress | None
+    request: RunRequest,
+    manifest: AnswersManifest,
+    tasks: Sequence[Task],
+    executor: TaskExecutor,
+    progress: Progress | None,
 ) -> dict[str, Outcome]:
     """Each task with what became of it, in the order of the run."""
     outcomes: dict[str, Outcome] = {}
-    total, done = sum(task.images for task in tasks), 0
+    total, done, of_any = sum(task.images for task in tasks), 0, manifest.by(request.protocols[0])
     longest_first = sorted(tasks, key=lambda task: -task.images)  # to end together
-    for task, outcome in _computed(executor, partial(process_task, request, code), longest_first):
+    for task, outcome in _computed(executor, partial(process_task, request, of_any), longest_first):
         outcomes[str(task)] = outcome
         done += task.images
         if progress is not None:
             progress(done, total)
     asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
     if asked and not is_oracle(request.method):
-        for task, outcome in _computed(executor, partial(ask_again, request, code), asked[:1]):
+        for task, outcome in _computed(executor, partial(ask_again, request, of_any), asked[:1]):
             if outcome.failure:
                 outcomes[str(task)] = outcome
     return {str(task): outcomes[str(task)] for task in tasks}
@@ -273,65 +255,44 @@ def _computed(
             yield task, outcome
 
 
-def _manifest(request: RunRequest, method: MethodOfRun, recordings: Sequence[PlannedRecording]) -> AnswersManifest:
-    digests = {one.name: one.digest[:RECORDING_DIGEST_CHARS] for one in recordings if one.digest is not None}
-    return AnswersManifest(
-        dataset=DatasetOfRun(
-            name=request.card.name,
-            card=request.card.address,
-            split=request.split,
-            input_errors=dict(request.input_errors.named),
-            recordings=dict(sorted(digests.items())),
-        ),
-        method=method,
-        code=CodeOfRun.here(),
-    )
-
-
-def _begin(request: RunRequest, manifest: AnswersManifest) -> None:
+def _begin(request: RunRequest, method: MethodOfRun, recordings: Sequence[PlannedRecording]) -> AnswersManifest:
     """Note of what run the folder is; of what is there, only that of the same run stays.
 
     Raises:
-        DataError: the folder holds another run, or a damaged manifest, and `overwrite` is not set.
+        DataError: the folder holds another run and `overwrite` is not set, or a damaged manifest.
     """
+    digests = {one.name: one.digest[:RECORDING_DIGEST_CHARS] for one in recordings if one.digest is not None}
+    dataset = DatasetOfRun(
+        name=request.card.name,
+        card=request.card.address,
+        split=request.split,
+        input_errors=dict(request.input_errors.named),
+        recordings=dict(sorted(digests.items())),
+    )
+    manifest = AnswersManifest(dataset=dataset, method=method, code=CodeOfRun.here())
     file = request.folder / ANSWERS_MANIFEST
-    there = _read(AnswersManifest, file, overwrite=request.overwrite)
-    others = _refused(there, manifest, request, folder=request.folder)
-    if there is None or not manifest.method.is_identified or others - {Aspect.DATA}:
+    there = read_json(AnswersManifest, file) if file.exists() else None
+    others = _other_aspects(there, manifest, request, folder=request.folder)
+    if there is None or not method.is_identified or others - {Aspect.DATA}:
         _remove(request.folder / ANSWERS)
         for results in request.folder.glob(f"*/{MANIFEST}"):
             _remove_results(results.parent)
     elif others:
-        was, now = there.dataset.recordings, manifest.dataset.recordings
-        for name in (name for name in was if was[name] != now.get(name)):
+        was = there.dataset.recordings
+        for name in (name for name in was if was[name] != dataset.recordings.get(name)):
             for place in (ANSWERS, f"*/{ANSWERS}", f"*/{COUNTS}"):
                 _remove(*request.folder.glob(f"{place}/{safe_name(name)}"))
     write_manifest(file, manifest)
     for results, protocol in request.results.items():
-        mine = manifest.by(protocol)
-        stored = _read(Manifest, results / MANIFEST, overwrite=request.overwrite)
-        if stored is None or _refused(stored, mine, request, folder=results, of=_OF_COUNTS):
+        mine, stored = manifest.by(protocol), read_manifest(results)
+        if stored is None or _other_aspects(stored, mine, request, folder=results, of={Aspect.PROTOCOL, Aspect.CODE}):
             _remove_results(results)
         if not (results / SUMMARY).is_file():
             write_manifest(results / MANIFEST, mine)
+    return manifest
 
 
-_OF_COUNTS = frozenset({Aspect.PROTOCOL, Aspect.CODE})  # beside what decides the answers, too
-
-
-def _read(model: type[Read], file: Path, *, overwrite: bool) -> Read | None:
-    """Read a manifest; None where there is none, or where it is damaged and may be replaced."""
-    if not file.exists():
-        return None
-    try:
-        return read_json(model, file)
-    except DataError as error:
-        if overwrite:
-            return None
-        raise DataError(error.file, field=error.field, expected=error.expected, got=error.got, hint=REPLACE) from error
-
-
-def _refused(
+def _other_aspects(
     stored: AnswersManifest | None,
     asked: AnswersManifest,
     request: RunRequest,
@@ -346,8 +307,8 @@ def _refused(
     """
     others = [] if stored is None else [one for one in differences(stored, asked) if one.decides and one.aspect in of]
     if others and not request.overwrite:
-        got = f"another one: {'; '.join(map(str, others))}"
-        raise DataError(folder, expected="an empty folder or the run that is asked for", got=got, hint=REPLACE)
+        got, hint = f"another one: {'; '.join(map(str, others))}", REPLACE
+        raise DataError(folder, expected="an empty folder or the run that is asked for", got=got, hint=hint)
     return {one.aspect for one in others}
 
 
@@ -363,11 +324,6 @@ def refuse_foreign(folder: Path) -> None:
             got = f"one with {listed(foreign, LISTED)}, and without {ANSWERS_MANIFEST}"
             hint = "give another folder with --out, or move what is in it"
             raise DataError(folder, expected="an empty folder or that of a run", got=got, hint=hint)
-
-
-def _remove_half_written(folder: Path) -> None:
-    """Remove what a process left that was killed while it wrote."""
-    _remove(*(entry for entry in folder.rglob(".*") if is_temporary(entry.name)))
 
 
 def _remove_results(results: Path) -> None:
@@ -410,23 +366,15 @@ def _write_results(results: Path, protocol: Protocol, request: RunRequest, score
         protocol=protocol,
         provenance=scored.provenance(images=metrics.images.evaluated + metrics.images.not_annotated),
         failures=[*failures, *problems],
-        caveats=_caveats(request, metrics, scored.recordings, scored.manifest.dataset),
+        caveats=_caveats(request, metrics, scored.recordings),
         vehicle_outline_m=outlines[-1] if outlines else (),
     )
 
 
-def _caveats(
-    request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording], dataset: DatasetOfRun
-) -> str:
+def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording]) -> str:
     """Caveats for a reader: annotations not there or not reviewed, those of the data, errors of the method's input."""
     proposed = sum(not one.reviewed for one in recordings)
     unreviewed = f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)." if proposed else ""
     told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
     errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(
-        part
-        for part in (
-            unreviewed, not_annotated(metrics), request.card.content.caveats, errors, *dataset.same_data,
-        )
-        if part
-    )  # fmt: skip
+    return "\n".join(filter(None, (unreviewed, not_annotated(metrics), request.card.content.caveats, errors)))

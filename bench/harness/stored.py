@@ -45,7 +45,7 @@ from bench.evaluation.rows import IMAGE, CommonImages, Rows, RowsOnImages, RowSo
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COUNTS, open_tables
 from bench.harness.digests import short_digest
-from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
+from bench.harness.manifest import MANIFEST, Manifest, write_manifest
 from bench.harness.stages import Provenance
 from bench.recordings.annotations import NOT_REVIEWED
 from bench.recordings.validation import read_json
@@ -238,9 +238,7 @@ def read_run(folder: Path, *, label: str | None = None) -> StoredRun:
         DataError: a file is missing, damaged, or of another run.
     """
     folder = results_folder(folder)
-    summary, manifest = read_json(RunSummary, folder / SUMMARY), read_manifest(folder)
-    if manifest is None:
-        raise DataError(folder / MANIFEST, expected="the manifest of a run", got="no such file")
+    summary, manifest = read_json(RunSummary, folder / SUMMARY), read_json(Manifest, folder / MANIFEST)
     return StoredRun(
         folder=folder,
         label=label or run_name(folder),

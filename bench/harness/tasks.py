@@ -25,18 +25,11 @@ from bench.harness.answers import (
     safe_name,
     write_answers,
 )
-from bench.harness.counts import count_answers, counts_folder, is_counted, remove_counts, write_counts
-from bench.harness.digests import (
-    ANSWER_CODE,
-    COUNT_CODE,
-    RecordingDigests,
-    code_digest,
-    digest_recording,
-    library_versions,
-)
+from bench.harness.counts import count_answers, counts_mark, write_counts
+from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.manifest import method_digest
+from bench.harness.manifest import CodeOfRun, Manifest, differences, method_digest
 from bench.harness.references import StoredReference, find_references, message_without_root, reference_of
 from bench.harness.stages import largest_resident_mb
 from bench.methods import Scorable
@@ -80,9 +73,9 @@ class Task:
         return self.stop - self.start
 
     @property
-    def name(self) -> str:
-        """Name of its files."""
-        return f"{safe_name(self.camera)}-{self.start:08d}"
+    def place(self) -> str:
+        """Of its files, below the folder of a stage and without their suffix."""
+        return f"{safe_name(self.handle.name)}/{safe_name(self.camera)}-{self.start:08d}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,19 +116,7 @@ class RunRequest:
     def answers(self, results: Path, task: Task) -> Path:
         """File of the answers of a task that are scored by a protocol; those of an oracle depend on it."""
         folder = results if is_oracle(self.method) else self.folder
-        return folder / ANSWERS / safe_name(task.handle.name) / f"{task.name}.parquet"
-
-
-Code = Mapping[str, str]
-
-
-def code_here(method: Scorable) -> Code:
-    """The code that decides results in this process, by name: versions, and digests of this package and the method."""
-    return {
-        **library_versions(),
-        "fisheye-bench": code_digest((*ANSWER_CODE, *COUNT_CODE)),
-        f"method {method.name}": method_digest(method),
-    }
+        return folder / ANSWERS / f"{task.place}.parquet"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,14 +188,19 @@ def first_scored(images: Sequence[ImageRef]) -> int:
     return next((index for index, image in enumerate(images) if image.scored), len(images))
 
 
-def process_task(request: RunRequest, code: Code, task: Task) -> Outcome:
+def process_task(request: RunRequest, manifest: Manifest, task: Task) -> Outcome:
     """Take the images of a task through the stages of which there is no file; a fault is returned, not raised.
+
+    Args:
+        request: the run.
+        manifest: by any protocol, of the process that began it.
+        task: which images.
 
     Raises:
         OutputError: a result cannot be stored.
         DataError: this process has other code than the run began with.
     """
-    _refuse_other_code(request.method, code)
+    _refuse_other_code(request.method, manifest)
     failure, asked = "", 0
     try:
         with memoise_flow(request.flow_cache):
@@ -233,25 +219,22 @@ def _process(request: RunRequest, task: Task) -> int:
     due = {
         results: protocol
         for results, protocol in request.results.items()
-        if not is_counted(counts_folder(results, task.handle.name), task.name)
-        or not request.answers(results, task).is_file()
+        if not (counts_mark(results, task.place).is_file() and request.answers(results, task).is_file())
     }
     if not due:
         return 0
-    recording = _open(task.handle, task.digests)
+    recording, asked = _open(task.handle, task.digests), 0
     images = recording.images[task.camera][task.start : task.stop]
     settings = [protocol.reference for protocol in due.values()]
-    references = find_references(recording, images, settings=settings, digest=task.digests.reference)
-    files, asked = [request.answers(results, task) for results in due], 0
-    for file, of_images in zip(files, references, strict=True):
+    found = find_references(recording, images, settings=settings, digest=task.digests.reference)
+    for (results, protocol), references in zip(due.items(), found, strict=True):
+        file = request.answers(results, task)
         if not file.is_file():
             asked += task.images
-            write_answers(file, ask(recording, task, request.method, of_images))
-    stored = {file: read_answers(file) for file in dict.fromkeys(files)}  # one for all, but of oracles
-    said, protocols = [stored[file] for file in files], [*due.values()]
-    scorers = count_answers(recording, images, said=said, references=references, protocols=protocols)
-    for results, scorer in zip(due, scorers, strict=True):
-        write_counts(counts_folder(results, task.handle.name), task.name, *scorer.finish())
+            write_answers(file, ask(recording, task, request.method, references))
+        answers = read_answers(file)
+        counts = count_answers(recording, images, answers=answers, references=references, protocol=protocol)
+        write_counts(results, task.place, *counts)
     return asked
 
 
@@ -287,11 +270,16 @@ def ask(
     return answers
 
 
-def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
+def ask_again(request: RunRequest, manifest: Manifest, task: Task) -> Outcome:
     """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
     A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
     process did before.
+
+    Args:
+        request: the run.
+        manifest: as of `process_task`.
+        task: which images.
 
     Raises:
         OutputError: a result cannot be stored.
@@ -312,20 +300,20 @@ def ask_again(request: RunRequest, code: Code, task: Task) -> Outcome:
         f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
     )
     for results in request.results:
-        remove_counts(counts_folder(results, task.handle.name), task.name)
+        counts_mark(results, task.place).unlink(missing_ok=True)
     write_answers(file, [no_answer(key, FAILED, problem), *others])
-    return process_task(request, code, task)
+    return process_task(request, manifest, task)
 
 
-def _refuse_other_code(method: Scorable, code: Code) -> None:
+def _refuse_other_code(method: Scorable, manifest: Manifest) -> None:
     """Refuse to compute with other code than the run began with.
 
     Raises:
         DataError: names the difference.
     """
-    here = code_here(method)
-    other = [f"{name} {here.get(name)}, not {was}" for name, was in code.items() if here.get(name) != was]
-    if other:
+    own = manifest.method.model_copy(update={"code_digest": method_digest(method)})
+    here = manifest.model_copy(update={"code": CodeOfRun.here(), "method": own})
+    if other := [str(difference) for difference in differences(manifest, here) if difference.decides]:
         hint = "install the same everywhere, and start the run and its workers again"
         raise DataError("this worker", expected="the code that the run began with", got="; ".join(other), hint=hint)
 

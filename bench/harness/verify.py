@@ -7,6 +7,7 @@ answers cannot be told. That a run was found right is noted in the cache of whoe
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,9 +18,8 @@ import pandas as pd
 from bench.atomic import write_text
 from bench.errors import OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, known_protocols, load_protocol
-from bench.evaluation.comparison import SIDES
-from bench.evaluation.rows import IMAGE, OBJECT, merge_rows
-from bench.evaluation.sums import KEY, TERMS
+from bench.evaluation.rows import IMAGE, OBJECT
+from bench.evaluation.sums import KEY
 from bench.execution import TaskExecutor
 from bench.harness.answers import is_answered, segmentation_of
 from bench.harness.digests import digest_file
@@ -106,24 +106,18 @@ def verify_run(
             *_of_manifest(stored, again),
             *_of_tables("objects", stored.objects, again.objects, OBJECT, OBJECTS_SCHEMA.names),
             *_of_tables("frames", stored.frames, again.frames, IMAGE, FRAMES_SCHEMA.names),
-            *_of_rows(SUMS, stored.sums, again.sums, key=KEY, columns=TERMS),
+            *_of_rows(SUMS, stored.sums, again.sums, KEY),
             *_of_summary(stored, again),
         )
     if not found:
-        _note(stored)
+        with suppress(OutputError):  # a cache that cannot be written
+            write_text(_mark(stored), f"{stored.manifest.title}\n")
     return Verification(images=again.summary.provenance.images, differences=found)
 
 
 def is_verified(run: StoredRun) -> bool:
     """True where these results were found right with this user's cache folder."""
     return _mark(run).is_file()
-
-
-def _note(run: StoredRun) -> None:
-    try:
-        write_text(_mark(run), f"{run.manifest.title}\n")
-    except OutputError:  # a cache that cannot be written
-        return
 
 
 def _mark(run: StoredRun) -> Path:
@@ -133,12 +127,8 @@ def _mark(run: StoredRun) -> Path:
 
 def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
     """Differences of what the run says that it is of, and of what a reader is told beside the metrics."""
-    was, now, summary = run.manifest, again.manifest, run.summary
-    yield from (f"{MANIFEST}: {one}" for one in differences(was, now) if one.aspect in CHECKED)
-    if was.dataset.recordings != now.dataset.recordings:
-        yield f"{MANIFEST}: recordings of other data"
-    if was.protocol != now.protocol:
-        yield f"{MANIFEST}: protocol of another name, version or digest"
+    was, summary = run.manifest, run.summary
+    yield from (f"{MANIFEST}: {one}" for one in differences(was, again.manifest) if one.aspect in CHECKED)
     if was.protocol.name in known_protocols() and was.protocol.digest != load_protocol(was.protocol.name).digest:
         yield f"protocol.json: rules of its own under the name {was.protocol.name}"
     if missing := [line for line in again.summary.caveats.splitlines() if line not in summary.caveats.splitlines()]:
@@ -151,35 +141,24 @@ def _of_tables(
     name: str, stored: RowSource, counted: RowSource, key: Sequence[str], columns: Sequence[str]
 ) -> Iterator[str]:
     for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
-        sides = [rows.read([recording], columns) for rows in (stored, counted)]
-        yield from _of_rows(name, *sides, key=key, columns=[column for column in columns if column not in key])
+        yield from _of_rows(name, stored.read([recording], columns), counted.read([recording], columns), key)
 
 
-def _of_rows(
-    table: str, stored: pd.DataFrame, counted: pd.DataFrame, *, key: Sequence[str], columns: Sequence[str]
-) -> Iterator[str]:
-    """One line for each column in which rows differ, with the first of them."""
-    twice = stored[stored.duplicated([*key])]
-    if len(twice):
-        yield _line(table, twice, key, "a row that stands twice")
+def _of_rows(table: str, stored: pd.DataFrame, counted: pd.DataFrame, key: Sequence[str]) -> Iterator[str]:
+    """One line for each column in which rows differ, with the first of them; or for rows that only one side has."""
+    was, now = (rows.astype(dict.fromkeys(key, object)).set_index([*key]).sort_index() for rows in (stored, counted))
+    if not was.index.equals(now.index):
+        alone = was.index.symmetric_difference(now.index)
+        where = f"the first: {', '.join(map(str, alone[0]))}" if len(alone) else "one of them twice"
+        yield f"{table}: {len(was)} rows, counted again {len(now)}; {where}"
         return
-    rows = merge_rows(stored, counted, on=[*key], how="outer")
-    alone = rows["side"] != "both"
-    if alone.any():
-        yield _line(table, rows[alone], key, "a row that only one of the two has")
-    rows = rows[~alone]
-    for name in columns:
-        was, now = (rows[f"{name}{side}"] for side in SIDES)
-        other = ~np.array([_same(*pair) for pair in zip(was, now, strict=True)], dtype=bool)
-        if other.any():
-            values = was[other].iloc[0], now[other].iloc[0]
-            yield _line(table, rows[other], key, "{} {}, counted again {}".format(name, *values))
-
-
-def _line(table: str, rows: pd.DataFrame, key: Sequence[str], what: str) -> str:
-    where = ", ".join(str(rows[name].iloc[0]) for name in key)
-    more = f", and {len(rows) - 1} more" if len(rows) > 1 else ""
-    return f"{table}: {where}: {what}{more}"
+    for name in was.columns:
+        sides = was[name].tolist(), now[name].tolist()
+        others = [number for number, pair in enumerate(zip(*sides, strict=True)) if not _same(*pair)]
+        if others:
+            values = "{}, counted again {}".format(*(side[others[0]] for side in sides))
+            where, more = ", ".join(map(str, was.index[others[0]])), f", and {len(others) - 1} more"
+            yield f"{table}: {where}: {name} {values}{more if len(others) > 1 else ''}"
 
 
 def _of_summary(run: StoredRun, again: StoredRun) -> Iterator[str]:

@@ -224,7 +224,7 @@ def load_card(path_or_name: Path | str, *, folder: Path | None = None) -> Datase
 
     Raises:
         UnknownNameError: a name without a card; says where it was looked up.
-        DataError: a card that is missing or says what a card cannot say.
+        DataError: a card that is missing or says what a card cannot say, or a folder of data.
     """
     path = Path(path_or_name)
     if path.suffix not in {".yaml", ".yml"}:
@@ -249,6 +249,9 @@ def _find_card(name: str, folders: Sequence[Path]) -> Path:
         path = folder / f"{name}.yaml"
         if path.is_file():
             return path
+    if Path(name).is_dir():
+        hint = "write one whose `root` is this folder; `fisheye-bench new dataset NAME` makes an example"
+        raise DataError(name, expected="a data set's card (a .yaml file)", got="a folder, which has none", hint=hint)
     known = {path.stem for folder in folders for path in folder.glob("*.yaml") if not path.stem.endswith(".scenario")}
     places = ", ".join(str(folder) for folder in folders)
     raise UnknownNameError("data set", name, known, hint=f"looked in {places}; a card elsewhere is named by its path")

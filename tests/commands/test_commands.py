@@ -181,6 +181,8 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
     assert "did you mean 'tiny'" in told
     assert call(monkeypatch, "run", "datasets/demo.yaml") == 2
     assert "the card 'demo' ships with the package" in capsys.readouterr().err
+    assert call(monkeypatch, "run", "own") == 2
+    assert "own: expected a data set's card (a .yaml file), got a folder" in capsys.readouterr().err
 
 
 def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):

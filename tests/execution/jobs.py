@@ -4,7 +4,6 @@ import ctypes
 import os
 import signal
 import sys
-import threading
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -63,19 +62,6 @@ def fail(number):
     if number == 3:
         raise ValueError("three")
     return number
-
-
-class UnsendableError(Exception):
-    def __init__(self, one, two):
-        super().__init__(f"{one} and {two}: cannot be made of one argument")
-
-
-def fail_unsendably(number):
-    raise UnsendableError(1, 2)
-
-
-def answer_unsendably(number):
-    return threading.Lock()
 
 
 def stay(folder, number):

@@ -40,18 +40,22 @@ def test_the_form_of_a_baseline_is_stable(folder, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
 
 
-OWN = {"code_digest": "1"}
+def own(**changes):
+    return {"method": method_of_run("own", code_digest="1").model_copy(update=changes)}
 
 
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"commit": "c0ffee+"}, "files were changed on top of commit c0ffee, so that nobody can repeat the run"),
-        ({"method": method_of_run("own", **OWN)}, "the code of method 'own' is in no commit, so that"),
-        ({"method": method_of_run("own", **OWN, commit="feed12+")}, "the method's files were changed on top of commit"),
+        (
+            {"commit": "c0ffee+"},
+            "files were changed on top of commit c0ffee, so that nobody can repeat the run; commit",
+        ),
+        (own(), "code or files of method 'own' were in no commit, so that .* give the same `run` again, which then"),
+        (own(commit="feed12+", uncommitted=("a.py", "b.pt")), "method 'own' were in no commit: a.py, b.pt, so that"),
         ({"failures": ("recording 'a': no lidar",)}, "a run with failures makes no baseline.*no lidar"),
         ({"commit": None}, ""),
-        ({"method": method_of_run("own", **OWN, commit="feed12")}, ""),
+        (own(commit="feed12"), ""),
     ],
 )
 def test_a_run_that_nobody_can_repeat_makes_no_baseline_unless_told(tmp_path, changes, told):
@@ -87,24 +91,27 @@ class Own(Method):
 """
 
 
-def test_the_commit_of_a_plug_in_is_that_of_its_own_checkout(monkeypatch, tmp_path):
-    file = tmp_path / "own_for_the_gate.py"
-    file.write_text(PLUG_IN)
+def test_the_commit_of_a_plug_in_is_that_of_its_own_checkout_and_names_what_is_in_none(monkeypatch, tmp_path):
+    name = "own_for_the_gate"
+    (tmp_path / f"{name}.py").write_text(PLUG_IN)
     monkeypatch.syspath_prepend(str(tmp_path))
     git = ("git", "-C", str(tmp_path), "-c", "user.name=x", "-c", "user.email=x@x")
 
-    def commit() -> str | None:
-        return manifests.MethodOfRun.of(build_method("own_for_the_gate:Own")).commit
+    def origin() -> tuple[str | None, tuple[str, ...]]:
+        found = manifests.MethodOfRun.of(build_method(f"{name}:Own"))
+        return found.commit, found.uncommitted
 
-    assert commit() is None
     for command in (("init", "-q"), ("add", "."), ("commit", "-qm", "x")):
-        assert commit() is None
+        assert origin() == (None, (f"{name}.py",))
         subprocess.run([*git, *command], check=True)
-    clean = commit()
+    (tmp_path / "notes.txt").touch()
+    clean, uncommitted = origin()
     assert re.fullmatch("[0-9a-f]{40}", clean)
-    file.write_text(PLUG_IN + "# changed\n")
-    assert commit() == f"{clean}+"
-    sys.modules.pop("own_for_the_gate")
+    assert uncommitted == (), "what is neither its code nor a file of it does not count"
+    for letter in "abcd":
+        (tmp_path / f"{letter}.py").touch()
+    assert origin() == (f"{clean}+", ("a.py", "b.py", "c.py"))
+    sys.modules.pop(name)
 
 
 @pytest.mark.parametrize(

@@ -72,10 +72,10 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
     assert again.all_moving.metric("tpr_all").value < summary.all_moving.metric("tpr_all").value
 
 
-@pytest.mark.parametrize("settings", [{"cell_size_px": 0}, {"cell_size_px": 1.5}])
-def test_wrong_parameters_of_the_exact_masks(settings):
+@pytest.mark.parametrize("size_px", [0, 1.5])
+def test_wrong_parameters_of_the_exact_masks(size_px):
     with pytest.raises(UsageError, match="cell_size_px"):
-        build_scorable("truth", settings)
+        build_scorable("truth", {"cell_size_px": size_px})
 
 
 def test_data_without_exact_masks_have_no_ceiling(own_card, tmp_path, monkeypatch, capsys):

@@ -24,6 +24,12 @@ def changed(part: str, **changes: object):
         (changed("method", settings={"a": {"b": 2}}), "a.b = 2, was None", True, True),
         (changed("method", asked={"a": {"b": 2}}), "a.b = 2, was None", True, True),
         (changed("method", code_digest="2" * 64), "the method's own code, or files: digest 2222", True, True),
+        (
+            changed("method", settings={"digest": "3" * 64}),
+            "other predictions in the folder: digest 333333333333,",
+            True,
+            True,
+        ),
         (changed("protocol", digest="e" * 64), "protocol paper-v1 version 1 (eeeeeeeeeeee), was paper-v1", False, True),
         (changed("code", commit="c0ffee+"), "commit c0ffee with changed files, was version 0 of an", True, False),
         (changed("code", answers="e" * 64), "other code of version 0 of an unknown commit: digest", True, True),

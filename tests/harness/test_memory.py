@@ -16,7 +16,8 @@ import json, os, sys
 from pathlib import Path
 
 from bench.evaluation import load_protocol
-from bench.harness.tasks import RunRequest, code_here, plan_recording, process_task
+from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
+from bench.harness.tasks import RunRequest, plan_recording, process_task
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 
@@ -26,14 +27,15 @@ def resident_mb():
 
 if __name__ == "__main__":
     method = build_method("spherical", {})
-    sizes, code = [], code_here(method)
+    sizes, dataset = [], DatasetOfRun(name="x", card="x", split=None)
+    answers = AnswersManifest(dataset=dataset, method=MethodOfRun.of(method), code=CodeOfRun.here())
     for turn in range(int(sys.argv[2])):
         run = Path(f"run-{turn}").absolute()
         card, protocols = load_card(sys.argv[1]), [load_protocol("paper-v1")]
         request = RunRequest(card=card, method=method, folder=run, protocols=protocols)
         for handle in request.recordings():
             for task in plan_recording(method, handle).tasks:
-                assert process_task(request, code, task).failure == ""
+                assert process_task(request, answers.by(protocols[0]), task).failure == ""
         sizes.append(resident_mb())
     print(json.dumps(sizes))
 """

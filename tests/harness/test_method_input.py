@@ -106,43 +106,26 @@ def test_chunks_give_the_same_tables(tiny_card, tmp_path, monkeypatch, name):
 # ---- errors of what a method is told reach the method alone
 
 
-@pytest.fixture
-def score(tiny_card, tmp_path):
-    def scored(out, method="spherical", **errors):
-        options = {"input_errors": named_input_errors(errors), "overwrite": True}
-        return runs.score(tiny_card, tmp_path / out, method=method, **options)
-
-    return scored
-
-
-def test_a_run_with_errors_is_none_without(tiny_card, tmp_path, score):
+def test_a_run_with_errors_is_none_without_and_has_the_same_reference(tiny_card, tmp_path):
     """Answers and data are told apart, and a reader is told of the errors."""
-    told, found = [], []
-    for errors in ({}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}):
-        found.append(score("run", **errors))
-        told.append(read_run(tmp_path / "run").manifest.dataset.input_errors)
-    plain, *wrong = found
-    assert [run.provenance.images_asked for run in found] == [IMAGES] * 3
-    assert told == [{}, {"yaw_rate_bias_degps": 3.0}, {"yaw_rate_bias_degps": 2.0}]
-    assert len({run.all_moving.model_dump_json() for run in (plain, *wrong)}) == 3
-    assert wrong[1].caveats.endswith("The method was told errors of its input: yaw_rate_bias_degps 2.")
+
+    def score(overwrite=True, **errors):
+        options = {"input_errors": named_input_errors(errors), "overwrite": overwrite}
+        return runs.score(tiny_card, tmp_path / "run", **options), read_run(tmp_path / "run").manifest
+
+    given = ({}, {"pitch_rate_degps": 3.0}, {"pitch_rate_degps": 4.0})
+    found = [score(**errors) for errors in given]
+    plain, *wrong = (summary for summary, _ in found)
+    assert [summary.provenance.images_asked for summary, _ in found] == [IMAGES] * 3
+    assert tuple(manifest.dataset.input_errors for _, manifest in found) == given
+    assert len({summary.all_moving.model_dump_json() for summary, _ in found}) == 3
+    assert wrong[1].caveats.endswith("The method was told errors of its input: pitch_rate_degps 4.")
     assert plain.caveats == load_card(str(tiny_card)).content.caveats
-    with pytest.raises(DataError, match="yaw_rate_bias_degps = 3"):
-        runs.score(tiny_card, tmp_path / "run", input_errors=named_input_errors({"yaw_rate_bias_degps": 3.0}))
-    assert score("run").model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
-
-
-def test_errors_reach_the_method_and_not_the_reference(score, tmp_path):
-    true, wrong = score("true"), score("wrong", pitch_rate_degps=4)
-    assert wrong.false_positives.coverage.value > true.false_positives.coverage.value + 0.1
-    assert {name: row.object_frames for name, row in true.categories.items()} == {
-        name: row.object_frames for name, row in wrong.categories.items()
-    }
-    assert read_run(tmp_path / "wrong").manifest.method == read_run(tmp_path / "true").manifest.method
-
-
-def test_another_method_can_be_told_errors(score):
-    assert score("run", method="everything", speed_scale_percent=10).all_moving.tpr_all.value == 1.0
+    assert wrong[1].false_positives.coverage.value > plain.false_positives.coverage.value + 0.1
+    assert len({(manifest.reference, manifest.method.model_dump_json()) for _, manifest in found}) == 1
+    with pytest.raises(DataError, match="pitch_rate_degps = 3"):
+        score(overwrite=False, pitch_rate_degps=3.0)
+    assert score()[0].model_dump_json(exclude={"provenance"}) == plain.model_dump_json(exclude={"provenance"})
 
 
 def test_errors_are_named_numbers():

@@ -170,15 +170,6 @@ def test_a_fault_fails_its_images_and_shows_the_methods_own_lines(tiny_card, tmp
 
 
 @pytest.mark.slow
-def test_the_command_ends_with_2(tiny_card, tmp_path):
-    out = tmp_path / "run"
-    done = call(tiny_card, out, "--method", f"{__name__}:Misbehaving", "--set", "fault=exits", "--workers", "2")
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert "misbehaving-exits" in done.stdout + done.stderr
-    assert read_run(out).summary.images.evaluated == 0
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["change_later", "go_away", "lower_limits"])
 def test_what_a_method_does_after_or_beside_its_answer_changes_no_score(tiny_card, tmp_path, monkeypatch, fault):
     monkeypatch.chdir(tiny_card.parent)  # so that paths of the data are relative ones

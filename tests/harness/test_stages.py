@@ -3,6 +3,7 @@
 import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -14,7 +15,7 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
 from bench.execution import ProcessExecutor
-from bench.harness import Part, RunRequest, build_scorable, read_run, run_benchmark, score_part
+from bench.harness import RunRequest, build_scorable, parse_part, read_run, run_benchmark, score_part
 from bench.harness.answers import (
     FAILED,
     answer_row,
@@ -27,10 +28,12 @@ from bench.harness.answers import (
     segmentation_of,
     write_answers,
 )
+from bench.harness.datasets import StoredFrames
 from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
+from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
 from bench.harness.references import evict_cache, find_references, reference_of, reference_row
-from bench.harness.tasks import cut_tasks
+from bench.harness.tasks import cut_tasks, plan_recording, process_task
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
@@ -45,6 +48,7 @@ from tests.support.changed_data import (
     remove_image,
 )
 from tests.support.runs import IMAGES, PAPER, bytes_of, score
+from tests.support.stored_files import change_manifest
 
 CHANGES = [change_image, change_sweep, change_annotation, change_egomotion, change_calibration, remove_image]
 SURFACE = load_protocol("surface-v1")
@@ -282,6 +286,18 @@ def test_other_rules_under_the_same_name_are_refused(stored, tiny_card, tmp_path
     assert score(tiny_card, tmp_path / "run", protocol=other, overwrite=True).provenance.images_asked == 0
 
 
+def test_pictures_of_a_run_find_the_data_that_ship_wherever_they_are_drawn(stored, tiny_card, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tiny_card.parent)
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(stored, tmp_path / "run")
+    image = read_run(Path("run")).frames.read(["crossing"], ["recording", "camera", "timestamp_ns"]).iloc[1].tolist()
+    change_manifest(Path("run"), lambda content: content["dataset"].update(card="datasets/tiny.yaml"))
+    assert StoredFrames(read_run(Path("run"))).process(*image).segmentation.mask.any()
+    change_manifest(Path("run"), lambda content: content["dataset"].update(name="ours", card="datasets/ours.yaml"))
+    with pytest.raises(DataError, match=r"datasets/ours\.yaml: expected a readable card"):
+        StoredFrames(read_run(Path("run")))
+
+
 def test_a_folder_that_is_no_run_is_refused_and_stays_as_it_is(tiny_card, tmp_path):
     (tmp_path / "thesis.txt").write_text("mine")
     for overwrite in (False, True):
@@ -328,23 +344,23 @@ def test_code_of_a_method_that_changed_is_named(tiny_card, tmp_path, monkeypatch
         score(tiny_card, tmp_path / "run", method=method)
 
 
-def test_the_same_drive_under_two_names_is_told(own_card, tmp_path):
-    data = own_card.parent / "data" / "tiny"
-    shutil.copytree(data / "crossing", data / "crossing-again")
-    text = (data / "crossing-again" / "recording.json").read_text()
-    (data / "crossing-again" / "recording.json").write_text(text.replace('"crossing"', '"crossing-again"'))
-    own_card.write_text("\n".join(line for line in own_card.read_text().splitlines() if "scenario" not in line))
-    told = score(own_card, tmp_path / "run", method="nothing").caveats
-    assert "Recordings 'crossing', 'crossing-again' hold the same data" in told
-
-
 # ---- in parts, in processes
+
+
+def test_a_worker_with_other_code_than_the_run_began_with_is_refused(tiny_card, tmp_path):
+    asked = request(tiny_card, tmp_path / "run")
+    (task, *_) = plan_recording(asked.method, asked.recordings()[0]).tasks
+    code = CodeOfRun.here().model_copy(update={"libraries": {"numpy": "0.1"}, "commit": "c0ffee"})
+    dataset = DatasetOfRun(name="tiny", card="tiny", split=None)
+    began = AnswersManifest(dataset=dataset, method=MethodOfRun.of(asked.method), code=code).by(PAPER)
+    with pytest.raises(DataError, match=r"the code that the run began with, got .*numpy \S+, was 0\.1"):
+        process_task(asked, began, task)
 
 
 def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path):
     score(tiny_card, tmp_path / "whole", method="everything")
     asked = request(tiny_card, tmp_path / "run", method="everything")
-    first, second = (score_part(asked, Part(number=number, count=2)) for number in (1, 2))
+    first, second = (score_part(asked, parse_part(text)) for text in ("1/2", "2/2"))
     assert (len(first.tasks), len(second.tasks), first.tasks_of_run) == (2, 1, 3)
     (run,) = run_benchmark(asked)
     assert run.summary.provenance.images_asked == 0
@@ -354,7 +370,7 @@ def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path)
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0", "-1/2"])
 def test_a_part_that_is_none_is_refused(text):
     with pytest.raises(UsageError, match="--shard: expected I/N"):
-        Part.parse(text)
+        parse_part(text)
 
 
 @pytest.mark.slow

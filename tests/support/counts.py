@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 
 from bench.harness import counts
 from bench.harness.answers import no_answer, safe_name, write_answers
-from bench.harness.counts import FRAMES, OBJECTS, counts_folder
+from bench.harness.counts import FRAMES, OBJECTS
 
 TASK = "front-00000000"
 
@@ -19,7 +19,8 @@ def write_counts(results: Path, objects: pa.Table, frames: pa.Table) -> None:
     for row in frames.group_by(["recording", "camera"]).aggregate([]).to_pylist():
         chosen = (pc.field("recording") == row["recording"]) & (pc.field("camera") == row["camera"])
         own = [table.filter(chosen) for table in (objects, frames)]
-        counts.write_counts(counts_folder(results, row["recording"]), f"{safe_name(row['camera'])}-00000000", *own)
+        place = f"{safe_name(row['recording'])}/{safe_name(row['camera'])}-00000000"
+        counts.write_counts(results, place, *own)
 
 
 def write_seconds(run: Path, seconds: float) -> None:

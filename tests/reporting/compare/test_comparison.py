@@ -261,7 +261,8 @@ def test_recordings_are_set_beside_each_other(folders, tmp_path):
         assert line.split(" | ")[1:7] == expected
 
 
-def test_without_data_there_are_no_pictures_and_old_ones_go(folders, tmp_path):
+def test_without_data_there_are_no_pictures_and_old_ones_go(folders, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tmp_path)  # in which there is no card
     pictures = tmp_path / "pictures"
     pictures.mkdir()
     for name in ("01-01-newly-missed.jpg", "mine.jpg"):
