@@ -211,7 +211,8 @@ NAMES = ["compare.html", "compare.md", "compare.csv"]
 def folders(tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
     after = {key: 0 if key[0] < 7 and key[1] == 1 else 20 + key[0] for key in drawn(50)}
-    return [write_run(runs / "old", drawn(50)), write_run(runs / "new", after, fp_px=0), write_run(runs / "x|y", after)]
+    made = {"old": (drawn(50), 3072), "new": (after, 0), "x|y": (after, 3072)}
+    return [write_run(runs / name, px, fp_px=fp_px, dataset="gone") for name, (px, fp_px) in made.items()]
 
 
 def test_equal_input_gives_equal_bytes(folders, tmp_path):
