@@ -22,8 +22,7 @@ from bench.errors import BenchError
 from bench.evaluation import load_protocol
 from bench.gate.tolerances import load_tolerances
 from bench.lidar import read_sweep
-from bench.methods.predictions import PredictedMotion
-from bench.methods.predictions.method import check_predictions
+from bench.methods.predictions.pairing import index_predictions
 from bench.recordings import load_card, open_dataset
 from bench.reference import ReferenceBuilder
 from tests.hostile import files
@@ -201,8 +200,7 @@ def read(folder: Path) -> None:
         recording = handle.open()
         for camera, images in recording.images.items():
             ReferenceBuilder(recording, camera, settings).build(images[-1])
-    masks = PredictedMotion(name="masks", folder=str(folder / "masks"), dataset=str(card.file), split=None)
-    check_predictions(card, method=masks)
+    index_predictions(folder / "masks", card)
 
 
 @pytest.mark.parametrize("name", [*WRITTEN, "data/drive/recording.json", "data/drive/annotations.json"])
