@@ -34,7 +34,7 @@ def leaderboard(
 ) -> LeaderboardReport:
     """Rank the runs of a folder, one table for each group of comparable runs.
 
-    Rows that ship with the package stand beside those that compare.
+    Rows that ship with the package are added where they can be compared.
 
     Args:
         folder: folder with runs at any depth.

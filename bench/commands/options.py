@@ -90,9 +90,7 @@ InputErrors = Annotated[
 ]
 RULES = "paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file"
 Protocol = Annotated["str | Path", typer.Option(help=f"{RULES}."), TEXT]
-Protocols = Annotated[
-    "str | Path", typer.Option("--protocol", help=f"{RULES}; several, separated by commas, run the method once."), TEXT
-]
+Protocols = Annotated["str | Path", typer.Option("--protocol", help=f"{RULES}; separate several by commas."), TEXT]
 Split = Annotated[
     str | None,
     typer.Option(

@@ -30,7 +30,7 @@ def export_reference(
 
     Args:
         dataset: card, by path or by name.
-        out: folder, new or empty, written whole or not at all; `bench.harness.reference_export` says which files.
+        out: folder, new or empty, written whole or not at all; docs/your-data.md lists its files.
         protocol: by name or file.
         split: of the data set, or recordings with commas in between.
         workers: processes, or an executor, that compute the recordings.

@@ -121,7 +121,7 @@ class Run:
 
 NamedRun = Annotated[
     str | Path | Run,
-    typer.Argument(help="Folder of a run, which stands for its results by surface-v1, or of one protocol in it."),
+    typer.Argument(help="Folder of a run (its results by surface-v1), or of one protocol in it."),
     TEXT,
 ]
 

@@ -84,8 +84,8 @@ def sweep(
     Args:
         dataset: card, by path or by a name that `fisheye-bench list` shows.
         method: by name, or as "module:Class".
-        settings: a parameter of the method, as YAML; one has several values, separated by commas (from Python a list);
-            a part of one stands behind a dot, as in weights.epipolar; repeatable.
+        settings: set a parameter of the method, as YAML; one parameter has several values, separated by commas (from
+            Python a list); weights.epipolar names a part of a parameter; repeatable.
         input_errors: as in `run`; one may have several values instead of a parameter.
         protocol: by name or file.
         split: of the data set; None for all of it.

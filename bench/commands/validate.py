@@ -17,7 +17,7 @@ def validate(
 ) -> ValidationReport:
     """List what looks wrong in a data set; exit status 0 nothing, 1 something, 2 usage or data error.
 
-    What a scenario has rendered is validated as it is.
+    Rendered drives are validated as they are, not rendered again.
 
     Args:
         dataset: card, by path or by a name that `fisheye-bench list` shows.

@@ -54,13 +54,13 @@ def view(
     calibration: Flag = False,
     progress: Report | None = None,
 ) -> View:
-    """Draw images with reference and lidar points, with --method also what it finds; or a video or viewer log.
+    """Draw reference and lidar points onto images, with --method also its mask; or write a video or a viewer log.
 
     Args:
         dataset: card, by path or by name.
         recording: name of the recording; default: the first.
         camera: name of the camera; default: the first, with --calibration each.
-        frame: index of an image, or of several, the last one included; default: the middle one; of films all.
+        frame: index of an image, or a range that includes its last one; default: the middle image, for videos all.
         time_ns: the image nearest to this time, in ns.
         method: also draw what this method finds: a name, or module:Class; default: none.
         settings: parameters of a method that is given by name.

@@ -214,7 +214,9 @@ def results_folder(folder: Path) -> Path:
     if len(names) != 1:
         got = f"those by {', '.join(names)}" if names else f"no {SUMMARY}"
         hint = (
-            f"name one of them, as {folder / names[0]}" if names else "score something there with `fisheye-bench run`"
+            f"name one of them, as {folder / names[0]}"
+            if names
+            else "start it, or end it where it was interrupted, with `fisheye-bench run`"
         )
         raise DataError(folder, expected="the folder of a finished run", got=got, hint=hint)
     return folder / names[0]
