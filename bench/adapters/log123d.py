@@ -440,7 +440,7 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
 
 
 def _of_each(table: LogTable, name: str, tokens: list[str]) -> list[Any]:
-    """What a column says of each box, one behind the other."""
+    """Values of a column, box by box."""
     values = [value for row in table.items(name) for value in row]
     if len(values) != len(tokens):
         got = str(len(values))

@@ -205,7 +205,7 @@ class Verdict:
 
 
 def _numbers(row: Row) -> tuple[str, Outcome, float, float, int, int]:
-    """What two rows of the same object-frames have in common; by tolerances of its own one may have another outcome."""
+    """Values that two rows of the same object-frames share, with the outcome, which tolerances can make differ."""
     return row.metric, row.outcome, row.before, row.after, row.cases_before, row.cases_after
 
 

@@ -31,8 +31,8 @@ from bench.harness.digests import (
     library_versions,
     short_digest,
 )
-from bench.harness.exact import ORACLES, build_scorable
-from bench.methods import METHODS, Scorable, known_methods
+from bench.harness.exact import ORACLES, build_scorable, scorable_methods
+from bench.methods import METHODS, Scorable
 from bench.methods.contract import refuse_unfit
 from bench.methods.settings import flat_settings
 from bench.plain_text import listed
@@ -129,7 +129,7 @@ class MethodOfRun(_Part):
     @property
     def called(self) -> str:
         """Value of `--method` that selects it."""
-        return self.name if self.place == known_methods().get(self.name) else self.place
+        return self.name if self.place == scorable_methods().get(self.name) else self.place
 
     def options(self) -> list[str]:
         """The options of a command that ask for it: `--method`, and `--set` for each setting that is not its default.

@@ -35,6 +35,7 @@ from bench.reference.patches import draw_closed
 from bench.reference.regions import Region
 from bench.reference.scanned import ScannedObject, Surface
 from bench.reference.silhouette import Prism, silhouette
+from bench.reference.sweeps import turned
 
 Floats = NDArray[np.float64]
 
@@ -249,12 +250,9 @@ class _Beams:
         self._azimuths = azimuths[order]
         self._moved = (scanned.cluster.points_world - self._world_from_sensor.apply(points_sensor))[order]
 
-    def _turned(self, azimuths: NDArray[np.floating]) -> NDArray[np.floating]:
-        return (azimuths - self._middle_rad + np.pi) % (2 * np.pi) - np.pi
-
     def _directions(self, points_from_beams: Floats) -> Floats:
         x, y, z = points_from_beams.T
-        return np.stack([self._turned(np.arctan2(y, x)), np.arctan2(z, np.hypot(x, y))])
+        return np.stack([turned(np.arctan2(y, x), self._middle_rad), np.arctan2(z, np.hypot(x, y))])
 
     def starts_and_rays(self, directions: Floats) -> tuple[Floats, Floats]:
         """Starts, (K, 3) float64, m, and unit rays, world frame at exposure: as the object's return of the nearest
@@ -280,8 +278,7 @@ class _Beams:
     def returns(self, first: Floats, last: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """All returns of the sweep between two directions, (2, 1): their directions, distances, (K,) float64, m, and
         whether they are the object's, (K,) bool."""
-        away = self._turned(self.sweep.azimuths_rad)
-        rows = np.flatnonzero((away >= first[0, 0]) & (away <= last[0, 0]))
+        rows = self.sweep.rows_in_sector(self._middle_rad, first[0, 0], last[0, 0])
         points, own = self.sweep.points_from_beams(rows), np.isin(rows, self._rows)
         directions = self._directions(points)
         between = (directions[1] >= first[1]) & (directions[1] <= last[1])

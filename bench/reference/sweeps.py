@@ -101,21 +101,31 @@ class PosedSweep:
         key = rows.tobytes()
         if key not in self._grids:
             points, apart_m = self.points_from_beams(rows), self.envelope.starts_apart_m
-            others = self.points_from_beams(self._others_between(points, rows)) if apart_m else None
+            others = self.points_from_beams(self._others_among(rows)) if apart_m else None
             self._grids[key] = find_grid(points, starts_apart_m=apart_m, others_sensor=others)
         return self._grids[key]
 
-    def _others_between(self, points: Floats, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _others_among(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Rows of all other returns between the first and the last azimuth of some."""
-        x, y, _ = points.T
-        away = (self.azimuths_rad - np.arctan2(y.mean(), x.mean()) + np.pi) % (2 * np.pi) - np.pi
-        between = (away >= away[rows].min()) & (away <= away[rows].max())
-        between[rows] = False
-        return np.flatnonzero(between)
+        x, y, _ = self.points_sensor(rows).mean(axis=0).tolist()
+        middle_rad = float(np.arctan2(y, x))
+        own_rad = turned(self.azimuths_rad[rows], middle_rad)
+        sector = self.rows_in_sector(middle_rad, own_rad.min(), own_rad.max())
+        return np.setdiff1d(sector, rows, assume_unique=True)
+
+    def rows_in_sector(self, middle_rad: float, first_rad: float, last_rad: float) -> NDArray[np.intp]:
+        """Rows of the returns between two azimuths, which count from a middle one, to the left."""
+        away = turned(self.azimuths_rad, middle_rad)
+        return np.flatnonzero((away >= first_rad) & (away <= last_rad))
 
     @cached_property
     def _grids(self) -> dict[bytes, Grid | None]:
         return {}
+
+
+def turned(azimuths_rad: NDArray[np.floating], middle_rad: float) -> NDArray[np.floating]:
+    """Azimuths from a middle one, in [-pi, pi), in their own type."""
+    return (azimuths_rad - middle_rad + np.pi) % (2 * np.pi) - np.pi
 
 
 def pose_sweep(

@@ -77,7 +77,7 @@ def points(ratio: float) -> str:
 
 
 def number(digits: int, *, times: float = 1.0, none: str = "") -> Callable[[float], str]:
-    """What writes a number of a column, in another unit; `none` for NaN."""
+    """Return the function that formats the numbers of a column in another unit; `none` for NaN."""
     return lambda value: none if math.isnan(value) else f"{times * value:.{digits}f}"
 
 

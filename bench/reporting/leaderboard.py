@@ -171,7 +171,7 @@ class RankedGroup(_Stored):
 
     @property
     def title(self) -> str:
-        """What its runs have in common."""
+        """Data, protocol, reference and images that its runs share."""
         object_frames, recordings = self.cases[ALL_MOVING]
         told = (
             f"{self.dataset}, {self.split or 'all recordings'}, {self.protocol} "
