@@ -1,55 +1,34 @@
 """References as files in the user's cache: built once for any number of methods, read in a millisecond.
 
-`<cache>/references/<digest>/<camera>-<first image>.parquet` has a row for each image of a task. The digest is of the
-recording's content, the protocol's rules for references and the code that builds them, so that nothing there is ever
-out of date; the folder may be removed at any time.
+`<cache>/references/<digest>/<camera and images>.pickle` has the references of a task. The digest is of the recording's
+content, the protocol's rules for references and the code that builds them, so that nothing there is ever out of date;
+the folder may be removed at any time. Like all of the cache it is this user's own, and is trusted.
 """
 
 from __future__ import annotations
 
-import json
 import os
+import pickle
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pyarrow as pa
-import shapely
-from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
+from bench.atomic import write_bytes
 from bench.errors import BenchError, OutputError
-from bench.harness.answers import read_table, write_table
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, library_versions
 from bench.recordings import ImageRef, Recording
-from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import ReferenceFrame
 from bench.reference import ReferenceBuilder, ReferenceSettings
 
 CACHE_VARIABLE = "FISHEYE_BENCH_CACHE"
 LIMIT_BYTES = 4 << 30
 
-_ENUMS = {"status": Status, "reason": IgnoreReason, "category": Category, "direction": Direction}
-_KINDS = ("ignored", "unknown", "left_out", "valid")
-# Pixels are runs of equal label and kind, in rows from the first pixel: where each begins, int32, and what it is.
-REFERENCES_SCHEMA = pa.schema(
-    [
-        ("problem", pa.string()),  # why there is none; then all else is null
-        ("camera", pa.string()),
-        ("timestamp_ns", pa.int64()),
-        ("ego_speed_mps", pa.float64()),
-        ("annotated", pa.bool_()),
-        ("height", pa.int32()),
-        ("width", pa.int32()),
-        ("starts", pa.binary()),  # int32
-        ("labels", pa.binary()),  # int32
-        ("kinds", pa.binary()),  # uint8, bits in the order of `_KINDS`
-        ("objects", pa.string()),  # JSON: the fields of each, polygons as WKB in hexadecimal digits
-    ]
-)
-StoredReference = Mapping[str, Any]  # a row of `REFERENCES_SCHEMA`; what is missing is null
+StoredReference = bytes | str  # packed, a thousandth of its size in memory; or why there is none
 
 
 def cache_folder() -> Path:
@@ -75,7 +54,7 @@ def find_references(
         digest: `RecordingDigests.reference` of the recording.
 
     Returns:
-        For each of `settings`, a row for each image, which `reference_of` unpacks.
+        For each of `settings`, the reference of each image, which `reference_of` unpacks.
     """
     camera, key = images[0].camera, [images[0].timestamp_ns, images[-1].timestamp_ns, len(images)]
     code = digest_of(code_digest(REFERENCE_CODE), library_versions())
@@ -83,48 +62,38 @@ def find_references(
     references = []
     for rules in settings:
         folder = cache_folder() / "references" / digest_of(code, digest, rules)[:32]
-        file = folder / f"{digest_of(camera, key)[:32]}.parquet"
-        rows = _read(file)
-        if rows is None:
+        file = folder / f"{digest_of(camera, key)[:32]}.pickle"
+        stored = _read(file)
+        if stored is None:
             builder = ReferenceBuilder(recording, camera, rules, beside=builder)
-            rows = [_built(builder, image) for image in images]
-            if not any("problem" in row for row in rows):
+            stored = [_built(builder, image) for image in images]
+            if not any(isinstance(reference, str) for reference in stored):
                 with suppress(OutputError):
-                    write_table(file, pa.Table.from_pylist([dict(row) for row in rows], REFERENCES_SCHEMA))
-        references.append(rows)
+                    write_bytes(file, pickle.dumps(stored))
+        references.append(stored)
     return references
 
 
-def reference_of(row: StoredReference, recording: str) -> ReferenceFrame:
+def reference_of(stored: StoredReference, recording: str) -> ReferenceFrame:
     """Unpack a reference, equal in every value to that which was built.
 
     Args:
-        row: of the image.
-        recording: name.
+        stored: of the image.
+        recording: name; one of another name may have the same content.
 
     Raises:
         BenchError: there is none.
     """
-    if row.get("problem") is not None:
-        raise BenchError(row["problem"])
-    shape = row["height"], row["width"]
-    starts = np.frombuffer(row["starts"], dtype=np.int32)
-    lengths = np.diff(starts, append=shape[0] * shape[1])
+    if isinstance(stored, str):
+        raise BenchError(stored)
+    with pa.input_stream(pa.py_buffer(stored), compression="zstd") as content:
+        frame: ReferenceFrame = pickle.loads(content.read())
+    return replace(frame, recording=recording)
 
-    def spread(content: bytes, kind: type[np.generic]) -> NDArray[Any]:
-        return np.repeat(np.frombuffer(content, dtype=kind), lengths).reshape(shape)
 
-    kinds = spread(row["kinds"], np.uint8)
-    return ReferenceFrame(
-        recording=recording,
-        objects=tuple(_object(item) for item in json.loads(row["objects"])),
-        labels=spread(row["labels"], np.int32),
-        camera=row["camera"],
-        timestamp_ns=row["timestamp_ns"],
-        ego_speed_mps=row["ego_speed_mps"],
-        annotated=row["annotated"],
-        **{name: (kinds >> bit & 1) > 0 for bit, name in enumerate(_KINDS)},
-    )
+def pack_reference(frame: ReferenceFrame) -> bytes:
+    """Pack a reference; areas of equal pixels, of which it is made, take next to nothing."""
+    return bytes(pa.compress(pickle.dumps(frame), codec="zstd", asbytes=True))
 
 
 def evict_cache() -> None:
@@ -143,49 +112,16 @@ def evict_cache() -> None:
 def _read(file: Path) -> list[StoredReference] | None:
     """What a file of the cache holds; None where there is none that can be read."""
     try:
-        rows: list[StoredReference] = read_table(file, schema=REFERENCES_SCHEMA).to_pylist()
-    except (OSError, pa.ArrowException):
+        stored: list[StoredReference] = pickle.loads(file.read_bytes())
+    except (OSError, EOFError, pickle.UnpicklingError):
         return None
     with suppress(OSError):
         os.utime(file.parent)  # it was used
-    return rows
+    return stored
 
 
 def _built(builder: ReferenceBuilder, image: ImageRef) -> StoredReference:
     try:
-        return reference_row(builder.build(image))
+        return pack_reference(builder.build(image))
     except BenchError as error:
-        return {"problem": message_without_root(error, builder.recording)}
-
-
-def reference_row(frame: ReferenceFrame) -> StoredReference:
-    """Pack a reference."""
-    kinds = np.zeros(frame.valid.size, dtype=np.uint8)
-    for bit, name in enumerate(_KINDS):
-        kinds |= getattr(frame, name).ravel().view(np.uint8) << bit
-    labels = frame.labels.ravel()
-    starts = np.flatnonzero(np.r_[True, (kinds[1:] != kinds[:-1]) | (labels[1:] != labels[:-1])])
-    return {
-        "camera": frame.camera,
-        "timestamp_ns": frame.timestamp_ns,
-        "ego_speed_mps": frame.ego_speed_mps,
-        "annotated": frame.annotated,
-        "height": frame.valid.shape[0],
-        "width": frame.valid.shape[1],
-        "starts": starts.astype(np.int32).tobytes(),
-        "labels": labels[starts].astype(np.int32).tobytes(),
-        "kinds": kinds[starts].tobytes(),
-        "objects": json.dumps([_object_row(item) for item in frame.objects]),
-    }
-
-
-def _object_row(item: ReferenceObject) -> dict[str, Any]:
-    row = {name: getattr(item, name) for name in ReferenceObject.__slots__}
-    outline = None if item.polygon is None else item.polygon.wkb_hex
-    return row | {"centroid_m": item.centroid_m.tolist(), "polygon": outline}
-
-
-def _object(row: dict[str, Any]) -> ReferenceObject:
-    enums: dict[str, Any] = {name: None if row[name] is None else kind(row[name]) for name, kind in _ENUMS.items()}
-    polygon = None if row["polygon"] is None else shapely.from_wkb(row["polygon"])
-    return ReferenceObject(**{**row, **enums, "centroid_m": np.array(row["centroid_m"]), "polygon": polygon})
+        return message_without_root(error, builder.recording)

@@ -32,7 +32,7 @@ from bench.harness.datasets import StoredFrames
 from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
 from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
-from bench.harness.references import evict_cache, find_references, reference_of, reference_row
+from bench.harness.references import evict_cache, find_references, pack_reference, reference_of
 from bench.harness.tasks import cut_tasks, plan_recording, process_task
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -158,7 +158,7 @@ def test_references_that_could_not_be_built_are_not_stored(tiny_card, tmp_path, 
     with monkeypatch.context() as damaged:
         damaged.setattr("bench.recordings.SweepRef.read", unreadable)
         ((row,),) = find_references(recording, images, settings=settings, digest="of it")
-        assert "sweep.npz" in row["problem"]
+        assert "sweep.npz" in row
     ((row,),) = find_references(recording, images, settings=settings, digest="of it")
     assert reference_of(row, "x").annotated
 
@@ -166,17 +166,17 @@ def test_references_that_could_not_be_built_are_not_stored(tiny_card, tmp_path, 
 def test_every_kind_of_pixel_of_a_reference_is_stored():
     flags = np.random.default_rng(1).random((4, 6, 8)) < 0.5
     kinds = dict(zip(("ignored", "unknown", "left_out", "valid"), flags, strict=True))
-    row = reference_row(replace(reference_frame(np.zeros((6, 8), dtype=np.int32)), **kinds))
+    row = pack_reference(replace(reference_frame(np.zeros((6, 8), dtype=np.int32)), **kinds))
     assert all(np.array_equal(getattr(reference_of(row, "drive"), name), kind) for name, kind in kinds.items())
 
 
 def test_a_damaged_file_of_the_cache_is_built_again(tiny_card, tmp_path, monkeypatch):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "cache"))
     score(tiny_card, tmp_path / "one", method="everything")
-    files = [*(tmp_path / "cache" / "references").rglob("*.parquet")]
+    files = [*(tmp_path / "cache" / "references").rglob("*.pickle")]
     assert len(files) == 3
     for file in files:
-        file.write_bytes(b"no table")
+        file.write_bytes(b"no pickle")
     score(tiny_card, tmp_path / "two", method="everything")
     assert bytes_of(tmp_path / "two") == bytes_of(tmp_path / "one")
 
@@ -187,7 +187,7 @@ def test_references_that_were_used_longest_ago_leave_the_cache(tmp_path, monkeyp
     for number, name in enumerate(("used", "old", "oldest")):
         folder = tmp_path / "references" / name
         folder.mkdir(parents=True)
-        (folder / "front.parquet").write_bytes(bytes(10))
+        (folder / "front.pickle").write_bytes(bytes(10))
         os.utime(folder, (1000 - number, 1000 - number))
     evict_cache()
     assert sorted(folder.name for folder in (tmp_path / "references").iterdir()) == ["old", "used"]
