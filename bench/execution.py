@@ -9,13 +9,14 @@ from __future__ import annotations
 import ctypes
 import logging
 import os
+import platform
 import signal
 import sys
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import chdir, contextmanager
+from contextlib import chdir, closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import active_children, get_context
@@ -83,6 +84,20 @@ def single_threaded() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
+def largest_resident_mb() -> float:
+    """Largest resident size of this process so far, MB; NaN where the system does not tell."""
+    status = Path("/proc/self/status")
+    if status.exists():  # Linux, whose `ru_maxrss` is at least the size of the process that started this one
+        told = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return float(told["VmHWM"].split()[0]) / 1e3
+    try:
+        import resource
+    except ImportError:  # Windows
+        return float("nan")
+    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return size / (1e6 if platform.system() == "Darwin" else 1e3)
+
+
 def usable_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -100,6 +115,7 @@ class FailedTask:
 
 
 Computed: TypeAlias = Generator[tuple[Task, Result | FailedTask]]
+Progress: TypeAlias = Callable[[float, int], None]  # called with what is done and with all that there is
 
 
 class TaskExecutor(ABC):
@@ -127,6 +143,43 @@ class TaskExecutor(ABC):
             function: of a module, or a partial of one; it is called with each task.
             tasks: they travel to other processes.
         """
+
+
+def compute_all(
+    executor: TaskExecutor,
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    *,
+    progress: Progress | None = None,
+) -> list[Result | FailedTask]:
+    """Compute tasks and return their results in the order of the tasks, all in memory.
+
+    Args:
+        executor: computes them.
+        function: as of `TaskExecutor.compute`.
+        tasks: the same.
+        progress: called with the tasks done and their number.
+    """
+    results: dict[int, Result | FailedTask] = {}
+    with executor, closing(executor.compute(function, tasks)) as computed:
+        for task, result in computed:
+            results[id(task)] = result
+            if progress is not None:
+                progress(len(results), len(tasks))
+    return [results[id(task)] for task in tasks]
+
+
+def part_of(progress: Progress | None, *, number: int, total: int) -> Progress | None:
+    """Takes the progress of one of several parts that follow each other, and tells that of the whole in parts.
+
+    Args:
+        progress: of the whole; None for nobody.
+        number: parts that are done.
+        total: parts in all.
+    """
+    if progress is None:
+        return None
+    return lambda done, of: progress(number + done / max(of, 1), total)
 
 
 @dataclass(frozen=True)

@@ -44,12 +44,11 @@ from bench.evaluation import Protocol, SequenceScorer, Summary, summarise
 from bench.evaluation.rows import Row
 from bench.evaluation.summary import ProtocolOfRun, Ratio
 from bench.evaluation.sums import bin_names, name_bins
-from bench.execution import SerialExecutor, TaskExecutor
+from bench.execution import Progress, SerialExecutor, TaskExecutor
 from bench.harness.answers import write_table
 from bench.harness.exact import exact_mask, moving_instances
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import MethodOfRun
-from bench.harness.stages import Progress
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import DatasetCard, ImageRef, Recording, read_truth
 from bench.reference import REGION_KINDS, ReferenceFrame, Status

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError
-from bench.execution import FailedTask, TaskExecutor
+from bench.execution import FailedTask, Progress, TaskExecutor
 from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
-from bench.harness.stages import Progress, Provenance, provenance_since
+from bench.harness.stored import Provenance, provenance_since
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
 from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario

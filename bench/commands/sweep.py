@@ -104,9 +104,9 @@ def sweep(
         fisheye-bench sweep demo --input-error pitch_deg=0,0.5,1
     """
     from bench.atomic import output_folder
+    from bench.execution import part_of
     from bench.harness import run_benchmark
     from bench.harness.references import cache_folder
-    from bench.harness.stages import part_of
     from bench.reporting.run_tables import METHOD_ONLY, sweep_table, write_report_files, write_sweep
 
     if "," in str(protocol):

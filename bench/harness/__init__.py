@@ -12,8 +12,7 @@ from bench.harness.counts import open_tables
 from bench.harness.exact import build_scorable, scorable_methods
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.run import ScoredPart, parse_part, run_benchmark, score_part
-from bench.harness.stages import Provenance
-from bench.harness.stored import RunSummary, StoredRun, read_run, read_tables
+from bench.harness.stored import Provenance, RunSummary, StoredRun, read_run, read_tables
 from bench.harness.tasks import RunRequest
 
 __all__ = [

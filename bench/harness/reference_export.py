@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
@@ -27,10 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 from bench.atomic import new_folder, write_bytes, write_text
 from bench.errors import BenchError, DataError
 from bench.evaluation import Protocol
-from bench.execution import FailedTask, TaskExecutor
+from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.answers import safe_name
 from bench.harness.references import message_without_root
-from bench.harness.stages import Progress
 from bench.harness.tasks import first_scored
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, open_dataset
 from bench.records.reference import ReferenceFrame
@@ -93,24 +91,18 @@ def export_references(
         UnknownNameError: no such split.
     """
     handles = open_dataset(card, split)
-    done: dict[str, list[str]] = {}
-    task = partial(_export_recording, protocol=protocol)
-    with (
-        new_folder(out) as folder,
-        executor,
-        closing(executor.compute(partial(task, folder=folder), handles)) as results,
-    ):
-        for handle, outcome in results:
-            if isinstance(outcome, FailedTask):
-                raise DataError(handle.name, expected="a recording that can be exported", got=outcome.reason)
-            done[handle.name] = outcome
-            if progress is not None:
-                progress(len(done), len(handles))
-        images = {handle.name: len(done[handle.name]) for handle in handles}
+    with new_folder(out) as folder:
+        task = partial(_export_recording, protocol=protocol, folder=folder)
+        exported = compute_all(executor, task, handles, progress=progress)
+        problems, images = list[str](), dict[str, int]()
+        for handle, of_images in zip(handles, exported, strict=True):
+            if isinstance(of_images, FailedTask):
+                raise DataError(handle.name, expected="a recording that can be exported", got=of_images.reason)
+            images[handle.name] = len(of_images)
+            problems += filter(None, of_images)
         rules = {"name": protocol.name, "version": protocol.version, "digest": protocol.digest}
         head = {"schema_version": 1, "dataset": card.name, "split": split, "protocol": rules, "recordings": images}
         _write_json(folder / HEAD, head)
-    problems = [problem for name in images for problem in done[name] if problem]
     return ReferenceExport(folder=out, images=images, problems=tuple(problems))
 
 

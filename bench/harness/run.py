@@ -15,7 +15,7 @@ from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import DataError, UsageError
 from bench.evaluation import Protocol, sum_run, summary_of, write_sums
 from bench.evaluation.summary import Summary, not_annotated
-from bench.execution import FailedTask, SerialExecutor, TaskExecutor
+from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all, largest_resident_mb
 from bench.flow import evict_flow
 from bench.harness.answers import ANSWERS, safe_name
 from bench.harness.counts import COUNTS, open_tables
@@ -34,8 +34,16 @@ from bench.harness.manifest import (
     write_manifest,
 )
 from bench.harness.references import evict_cache
-from bench.harness.stages import Progress, Provenance, largest_resident_mb, provenance_since
-from bench.harness.stored import RESULT_FILES, SUMMARY, SUMS, StoredRun, failed_images, write_run
+from bench.harness.stored import (
+    RESULT_FILES,
+    SUMMARY,
+    SUMS,
+    Provenance,
+    StoredRun,
+    failed_images,
+    provenance_since,
+    write_run,
+)
 from bench.harness.tasks import (
     Outcome,
     PlannedRecording,
@@ -211,14 +219,13 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
 
 def _plan(request: RunRequest, handles: Sequence[RecordingHandle], executor: TaskExecutor) -> list[PlannedRecording]:
     """The recordings in the order of the data set."""
-    planned: dict[str, PlannedRecording] = {}
-    with closing(executor.compute(partial(plan_recording, request.method), handles)) as results:
-        for handle, recording in results:
-            if isinstance(recording, FailedTask):
-                failure = f"recording {handle.name!r}: it could not be opened: {recording.reason}"
-                recording = PlannedRecording(name=handle.name, failure=failure)
-            planned[handle.name] = recording
-    return [planned[handle.name] for handle in handles]
+    planned = compute_all(executor, partial(plan_recording, request.method), handles)
+    return [
+        PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: it could not be opened: {one.reason}")
+        if isinstance(one, FailedTask)
+        else one
+        for handle, one in zip(handles, planned, strict=True)
+    ]
 
 
 def _process(

@@ -18,13 +18,16 @@ import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
+from time import perf_counter
 from typing import Literal
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
+from pydantic import BaseModel, ConfigDict
 
 from bench.atomic import write_text
 from bench.errors import DataError, UsageError
@@ -42,11 +45,11 @@ from bench.evaluation import (
 )
 from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.rows import IMAGE, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
+from bench.execution import largest_resident_mb
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COUNTS, open_tables
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, write_manifest
-from bench.harness.stages import Provenance
 from bench.recordings.annotations import NOT_REVIEWED
 from bench.recordings.validation import read_json
 
@@ -65,6 +68,56 @@ REFERENCE_OF_OBJECTS = (
 )
 REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
 HISTOGRAMS = {REFERENCE_COLUMN, OUTSIDE_COLUMN}
+
+
+class Provenance(BaseModel):
+    """Record of how a run was made; none of it decides a metric.
+
+    Attributes:
+        started_utc: ISO 8601.
+        seconds: wall time.
+        images: scored images.
+        images_asked: of which the method was asked; the answers of the others were stored.
+        workers: how many; 0 where the executor does not tell.
+        peak_memory_mb: largest resident size of a process.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    started_utc: str
+    seconds: float
+    images: int
+    images_asked: int
+    workers: int
+    peak_memory_mb: float
+
+
+def provenance_since(
+    start_s: float,
+    *,
+    images: int,
+    images_asked: int | None = None,
+    workers: int = 1,
+    peak_memory_mb: float | None = None,
+) -> Provenance:
+    """The provenance of work that ends now.
+
+    Args:
+        start_s: when it began, by `time.perf_counter`, which never goes back.
+        images: that were scored.
+        images_asked: of which the method was asked; None for all.
+        workers: processes.
+        peak_memory_mb: of the largest process; None for this one.
+    """
+    seconds = round(perf_counter() - start_s, 3)
+    return Provenance(
+        started_utc=(datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds"),
+        seconds=seconds,
+        images=images,
+        images_asked=images if images_asked is None else images_asked,
+        workers=workers,
+        peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
+    )
 
 
 class RunSummary(Summary):

@@ -12,6 +12,7 @@ from time import perf_counter
 
 from bench.errors import BenchError, DataError, OutputError
 from bench.evaluation import Protocol
+from bench.execution import largest_resident_mb
 from bench.flow import memoise_flow
 from bench.harness.answers import (
     ANSWERS,
@@ -31,7 +32,6 @@ from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import CodeOfRun, Manifest, differences, method_digest
 from bench.harness.references import StoredReference, find_references, message_without_root, reference_of
-from bench.harness.stages import largest_resident_mb
 from bench.methods import Scorable
 from bench.recordings import (
     NO_INPUT_ERRORS,

@@ -20,13 +20,12 @@ from bench.errors import OutputError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, known_protocols, load_protocol
 from bench.evaluation.rows import IMAGE, OBJECT
 from bench.evaluation.sums import KEY
-from bench.execution import TaskExecutor
+from bench.execution import Progress, TaskExecutor
 from bench.harness.answers import is_answered, segmentation_of
 from bench.harness.digests import digest_file
 from bench.harness.manifest import MANIFEST, Aspect, differences
 from bench.harness.references import cache_folder
 from bench.harness.run import run_benchmark
-from bench.harness.stages import Progress
 from bench.harness.stored import SUMMARY, SUMS, StoredRun, find_answer, read_run
 from bench.harness.tasks import RunRequest
 from bench.methods import Method, MethodInput, Segmentation, UnansweredImage

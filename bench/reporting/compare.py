@@ -29,10 +29,10 @@ from bench.evaluation.definitions import false_share, image_metrics, object_metr
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED, IMAGE, CommonImages, group_recordings, merge_rows, pick
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
+from bench.execution import Progress
 from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
 from bench.harness.digests import short_digest
 from bench.harness.manifest import Aspect, Manifest, all_settings, differences
-from bench.harness.stages import Progress
 from bench.harness.stored import reference_digest, refuse_unscored
 from bench.reporting import formats
 from bench.reporting.document import Bar, Block, Cell, Column, Group, Heads, Paragraph, Picture, Report, Style, Table

@@ -25,10 +25,10 @@ from bench.cameras import ray_grid
 from bench.errors import BenchError, OutputError, UsageError
 from bench.evaluation import Rows
 from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
+from bench.execution import Progress
 from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.datasets import StoredFrames
 from bench.harness.frames import UnscorableFrame
-from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
 from bench.recordings import Cuboid, DatasetCard, ImageRef, read_image
 from bench.records.recording import MountedCamera, Recording

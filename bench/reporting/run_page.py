@@ -25,8 +25,8 @@ from bench.evaluation.protocol import known_protocols
 from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, read_parts, sort_rows
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
+from bench.execution import Progress
 from bench.harness import ProcessedFrame
-from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.reference import Status
 from bench.reporting import figures, formats

@@ -35,8 +35,7 @@ from bench.evaluation import Definition, load_protocol
 from bench.evaluation.definitions import UNKNOWN
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import TERMS, bin_names
-from bench.execution import TaskExecutor
-from bench.harness.stages import Progress
+from bench.execution import Progress, TaskExecutor
 from bench.recordings import DatasetCard
 from bench.reporting import formats
 from benchmarks.ranking.predictions import OBJECTS, OUTLINES, Prediction

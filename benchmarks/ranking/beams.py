@@ -21,8 +21,7 @@ from bench.audit.sources import OpenedSource, StoredAudit, audit_each, same_obje
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.evaluation.sums import ALL_MOVING
-from bench.execution import TaskExecutor
-from bench.harness.stages import Progress
+from bench.execution import Progress, TaskExecutor
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording
 from bench.records.recording import PointIndices
