@@ -238,27 +238,27 @@ def _process(
     """Each task with what became of it, in the order of the run."""
     outcomes: dict[str, Outcome] = {}
     total, done, of_any = sum(task.images for task in tasks), 0, manifest.by(request.protocols[0])
-    longest_first = sorted(tasks, key=lambda task: -task.images)  # to end together
-    for task, outcome in _computed(executor, partial(process_task, request, of_any), longest_first):
+    name, longest_first = request.method.name, sorted(tasks, key=lambda task: -task.images)  # to end together
+    for task, outcome in _computed(executor, partial(process_task, request, of_any), longest_first, name):
         outcomes[str(task)] = outcome
         done += task.images
         if progress is not None:
             progress(done, total)
     asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
     if asked and not is_oracle(request.method):
-        for task, outcome in _computed(executor, partial(ask_again, request, of_any), asked[:1]):
+        for task, outcome in _computed(executor, partial(ask_again, request, of_any), asked[:1], name):
             if outcome.failure:
                 outcomes[str(task)] = outcome
     return {str(task): outcomes[str(task)] for task in tasks}
 
 
 def _computed(
-    executor: TaskExecutor, function: Callable[[Task], Outcome], tasks: Sequence[Task]
+    executor: TaskExecutor, function: Callable[[Task], Outcome], tasks: Sequence[Task], method: str
 ) -> Iterator[tuple[Task, Outcome]]:
     with closing(executor.compute(function, tasks)) as results:
         for task, outcome in results:
             if isinstance(outcome, FailedTask):
-                outcome = Outcome(failure=f"{task}: {outcome.reason}")
+                outcome = Outcome(failure=f"method {method!r}, {task}: {outcome.reason}")
             yield task, outcome
 
 
@@ -356,7 +356,8 @@ def _write_results(results: Path, protocol: Protocol, request: RunRequest, score
     failures = scored.failures
     if not any(outcome.failure == "" for outcome in scored.tasks.values()):
         got = "; ".join(failures) or "no image to score"
-        raise DataError(request.card.file, expected="a recording that can be used", got=got)
+        where = f"data set {request.card.name!r}, method {request.method.name!r}"
+        raise DataError(where, expected="a recording that can be used", got=got)
     objects, frames = open_tables(results)
     problems = failed_images(frames)
     sums = sum_run(objects, frames, protocol=protocol)

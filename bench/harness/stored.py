@@ -265,12 +265,12 @@ def results_folder(folder: Path) -> Path:
     if USUAL_PROTOCOL in names:
         return folder / USUAL_PROTOCOL
     if len(names) != 1:
-        got = f"those by {', '.join(names)}" if names else f"no {SUMMARY}"
-        hint = (
-            f"name one of them, as {folder / names[0]}"
-            if names
-            else "start it, or end it where it was interrupted, with `fisheye-bench run`"
-        )
+        if names:
+            got, hint = f"those by {', '.join(names)}", f"name one of them, as {folder / names[0]}"
+        elif folder.is_dir():
+            got, hint = f"no {SUMMARY}", "end the run, where it was interrupted, by the same command"
+        else:
+            got, hint = ("a file", "unpack an archive first") if folder.exists() else ("no such folder", "run first")
         raise DataError(folder, expected="the folder of a finished run", got=got, hint=hint)
     return folder / names[0]
 

@@ -111,6 +111,11 @@ def test_progress_rises_to_the_number_of_images(tiny_card, tmp_path):
 def test_what_is_no_summary_is_refused_by_name(tmp_path):
     with pytest.raises(DataError, match=r"expected the folder of a finished run, got no summary\.json"):
         read_run(tmp_path)
+    with pytest.raises(DataError, match="expected the folder of a finished run, got no such folder"):
+        read_run(tmp_path / "nope")
+    (tmp_path / "run.zip").write_bytes(b"PK")
+    with pytest.raises(DataError, match="got a file; unpack an archive first"):
+        read_run(tmp_path / "run.zip")
     (tmp_path / "summary.json").write_text('{"schema_version": 1}')
     with pytest.raises(DataError, match=r"summary\.json: categories: expected"):
         read_run(tmp_path)

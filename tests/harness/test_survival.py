@@ -25,7 +25,9 @@ def test_a_task_that_always_ends_its_worker_is_named_and_the_rest_is_done(tiny_c
     (trouble / "standing.abort").touch()
     summary = score(tiny_card, out, executor=ProcessExecutor(workers=2))
     (failure,) = summary.failures
-    assert failure.startswith("recording 'standing', camera 'front', images 1 to 4: its worker ended without a result")
+    assert failure.startswith(
+        "method 'troubled', recording 'standing', camera 'front', images 1 to 4: its worker ended"
+    )
     assert summary.images.evaluated == 8
     (trouble / "standing.abort").unlink()
     again = score(tiny_card, out)
