@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from time import thread_time
 
@@ -77,7 +78,7 @@ def measure(
                     times_s.append(thread_time())
                     reference = pipeline.reference(index)
                     times_s.append(thread_time())
-                    answer = pipeline.ask(given)
+                    answer = pipeline.ask(index, given, partial(pipeline.reference, index))
                 except UnscorableFrame:
                     continue
                 times_s.append(thread_time())

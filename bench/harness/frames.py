@@ -93,10 +93,9 @@ class FramePipeline:
             DataError: an image, a sweep or the ego-motion of the frame cannot be used.
             UnscorableFrame: the images before it are missing, or the method has no answer.
         """
-        method, given, image = self._method, self.method_input(index), self.images[index]
-        reference = self.reference(index)
-        answer = method.answer(self.recording, image, reference) if is_oracle(method) else self.ask(given)
-        return ProcessedFrame(image=image, given=given, segmentation=answer, reference=reference)
+        given, reference = self.method_input(index), self.reference(index)
+        answer = self.ask(index, given, lambda: reference)
+        return ProcessedFrame(image=self.images[index], given=given, segmentation=answer, reference=reference)
 
     def reference(self, index: int) -> ReferenceFrame:
         """The reference of an image.
@@ -106,13 +105,20 @@ class FramePipeline:
         """
         return self.references.build(self.images[index])
 
-    def ask(self, given: MethodInput) -> Segmentation:
-        """The method's answer.
+    def ask(self, index: int, given: MethodInput, reference: Callable[[], ReferenceFrame]) -> Segmentation:
+        """The method's answer, or an oracle's.
+
+        Args:
+            index: of the image.
+            given: what the method may see of it.
+            reference: called for oracles alone.
 
         Raises:
             MethodError: the method raised, or its answer is none.
             UnscorableFrame: it has no answer for this image.
         """
+        if is_oracle(self._method):
+            return self._method.answer(self.recording, self.images[index], reference())
         if not isinstance(self._method, Method):
             raise UsageError(f"{self._method.name}: {not_derived(type(self._method).__name__)}")
         try:

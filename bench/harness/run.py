@@ -237,16 +237,16 @@ def _process(
 ) -> dict[str, Outcome]:
     """Each task with what became of it, in the order of the run."""
     outcomes: dict[str, Outcome] = {}
-    total, done, of_any = sum(task.images for task in tasks), 0, manifest.by(request.protocols[0])
+    total, done = sum(task.images for task in tasks), 0
     name, longest_first = request.method.name, sorted(tasks, key=lambda task: -task.images)  # to end together
-    for task, outcome in _computed(executor, partial(process_task, request, of_any), longest_first, name):
+    for task, outcome in _computed(executor, partial(process_task, request, manifest), longest_first, name):
         outcomes[str(task)] = outcome
         done += task.images
         if progress is not None:
             progress(done, total)
     asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
     if asked and not is_oracle(request.method):
-        for task, outcome in _computed(executor, partial(ask_again, request, of_any), asked[:1], name):
+        for task, outcome in _computed(executor, partial(ask_again, request, manifest), asked[:1], name):
             if outcome.failure:
                 outcomes[str(task)] = outcome
     return {str(task): outcomes[str(task)] for task in tasks}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -30,7 +31,7 @@ from bench.harness.counts import count_answers, counts_mark, write_counts
 from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
-from bench.harness.manifest import CodeOfRun, Manifest, differences, method_digest
+from bench.harness.manifest import AnswersManifest, CodeOfRun, differences, method_digest
 from bench.harness.references import StoredReference, find_references, message_without_root, reference_of
 from bench.methods import Scorable
 from bench.recordings import (
@@ -162,7 +163,7 @@ def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecordin
         digests = digest_recording(recording)
     except BenchError as error:
         return PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: {error}")
-    _hold(handle, digests, recording)
+    _keep(handle, digests, recording)
     return PlannedRecording(
         name=handle.name,
         tasks=tuple(cut_tasks(handle, recording, digests, method)),
@@ -188,19 +189,19 @@ def first_scored(images: Sequence[ImageRef]) -> int:
     return next((index for index, image in enumerate(images) if image.scored), len(images))
 
 
-def process_task(request: RunRequest, manifest: Manifest, task: Task) -> Outcome:
+def process_task(request: RunRequest, manifest: AnswersManifest, task: Task) -> Outcome:
     """Take the images of a task through the stages of which there is no file; a fault is returned, not raised.
 
     Args:
         request: the run.
-        manifest: by any protocol, of the process that began it.
+        manifest: of the process that began it.
         task: which images.
 
     Raises:
         OutputError: a result cannot be stored.
         DataError: this process has other code than the run began with.
     """
-    _refuse_other_code(request.method, manifest)
+    _refuse_other_code(request, manifest)
     failure, asked = "", 0
     try:
         with memoise_flow(request.flow_cache):
@@ -238,30 +239,24 @@ def _process(request: RunRequest, task: Task) -> int:
     return asked
 
 
-def ask(
-    recording: Recording, task: Task, method: Scorable, reference: Sequence[StoredReference | None]
-) -> list[Answer]:
+def ask(recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference]) -> list[Answer]:
     """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
     Args:
         recording: the drive.
         task: which images.
         method: to be asked.
-        reference: of the images, for oracles; None for others.
+        references: of the images, which only oracles see.
     """
     pipeline = FramePipeline(recording, task.camera, method=method)
     answers: list[Answer] = []
-    for index, row in zip(range(task.start, task.stop), reference, strict=True):
+    for index, row in zip(range(task.start, task.stop), references, strict=True):
         image = pipeline.images[index]
         key = {"recording": recording.name, "camera": task.camera, "timestamp_ns": image.timestamp_ns}
         try:
             given = pipeline.method_input(index)
             began = perf_counter()
-            if is_oracle(method):
-                assert row is not None, "an oracle answers with the reference"
-                said = method.answer(recording, image, reference_of(row, recording.name))
-            else:
-                said = pipeline.ask(given)
+            said = pipeline.ask(index, given, partial(reference_of, row, recording.name))
             answers.append(answer_row(key, said, seconds=perf_counter() - began))
         except UnscorableFrame as reason:
             answers.append(no_answer(key, SKIPPED, message_without_root(reason, recording)))
@@ -270,7 +265,7 @@ def ask(
     return answers
 
 
-def ask_again(request: RunRequest, manifest: Manifest, task: Task) -> Outcome:
+def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> Outcome:
     """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
     A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
@@ -290,7 +285,7 @@ def ask_again(request: RunRequest, manifest: Manifest, task: Task) -> Outcome:
     except BenchError as error:
         return Outcome(failure=f"{task}: {error}")
     with memoise_flow(request.flow_cache):
-        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [None])
+        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [""])
     if answers_agree(first, again):
         return Outcome()
     key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
@@ -305,28 +300,31 @@ def ask_again(request: RunRequest, manifest: Manifest, task: Task) -> Outcome:
     return process_task(request, manifest, task)
 
 
-def _refuse_other_code(method: Scorable, manifest: Manifest) -> None:
+def _refuse_other_code(request: RunRequest, manifest: AnswersManifest) -> None:
     """Refuse to compute with other code than the run began with.
 
     Raises:
         DataError: names the difference.
     """
-    own = manifest.method.model_copy(update={"code_digest": method_digest(method)})
-    here = manifest.model_copy(update={"code": CodeOfRun.here(), "method": own})
-    if other := [str(difference) for difference in differences(manifest, here) if difference.decides]:
+    began = manifest.by(request.protocols[0])  # any: what counts is compared as well
+    own = manifest.method.model_copy(update={"code_digest": method_digest(request.method)})
+    here = began.model_copy(update={"code": CodeOfRun.here(), "method": own})
+    if other := [str(difference) for difference in differences(began, here) if difference.decides]:
         hint = "install the same everywhere, and start the run and its workers again"
         raise DataError("this worker", expected="the code that the run began with", got="; ".join(other), hint=hint)
 
 
-_held: dict[object, Recording] = {}  # the last one that was opened; tasks of a recording mostly follow each other
+_last: tuple[object, Recording] | None = None  # that was opened; tasks of a recording mostly follow each other
 
 
 def _open(handle: RecordingHandle, digests: RecordingDigests) -> Recording:
-    if (handle.name, digests, handle.input_errors) not in _held:
-        _hold(handle, digests, handle.open())
-    return _held[handle.name, digests, handle.input_errors]
+    last = _last
+    if last is not None and last[0] == (handle.name, digests, handle.input_errors):
+        return last[1]
+    return _keep(handle, digests, handle.open())
 
 
-def _hold(handle: RecordingHandle, digests: RecordingDigests, recording: Recording) -> None:
-    _held.clear()
-    _held[handle.name, digests, handle.input_errors] = recording
+def _keep(handle: RecordingHandle, digests: RecordingDigests, recording: Recording) -> Recording:
+    global _last
+    _last = (handle.name, digests, handle.input_errors), recording
+    return recording

@@ -352,7 +352,7 @@ def test_a_worker_with_other_code_than_the_run_began_with_is_refused(tiny_card, 
     (task, *_) = plan_recording(asked.method, asked.recordings()[0]).tasks
     code = CodeOfRun.here().model_copy(update={"libraries": {"numpy": "0.1"}, "commit": "c0ffee"})
     dataset = DatasetOfRun(name="tiny", card="tiny", split=None)
-    began = AnswersManifest(dataset=dataset, method=MethodOfRun.of(asked.method), code=code).by(PAPER)
+    began = AnswersManifest(dataset=dataset, method=MethodOfRun.of(asked.method), code=code)
     with pytest.raises(DataError, match=r"the code that the run began with, got .*numpy \S+, was 0\.1"):
         process_task(asked, began, task)
 
