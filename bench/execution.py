@@ -137,7 +137,8 @@ class TaskExecutor(ABC):
     def compute(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Computed[Task, Result]:
         """Compute tasks and give each back once with its result, as it is done.
 
-        An exception that `function` raises is raised here. Closing the generator stops the workers at once.
+        A process computes one task at a time. An exception that `function` raises is raised here. Closing the generator
+        stops the workers at once.
 
         Args:
             function: of a module, or a partial of one; it is called with each task.
