@@ -43,7 +43,8 @@ class MonotonePolynomial:
             )
         self._coefficients, self._step = coefficients, step
         self._slopes = [c * (1 + step * i) for i, c in enumerate(coefficients)]
-        self.limit: float = min(min(positive_roots(Polynomial(self._slopes)), default=np.inf) ** (1.0 / step), domain)
+        fold = min(positive_roots(Polynomial(self._slopes)), default=np.inf) ** (1.0 / step)
+        self.limit: float = min(fold, domain)
         if self.limit > LARGEST:
             self._nodes: Floats = np.linspace(0.0, LARGEST, NODES_WITHOUT_LIMIT)
         else:  # denser towards the limit: where the polynomial folds, its inverse rises ever steeper

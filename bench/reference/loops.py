@@ -17,7 +17,7 @@ def _cell(position_px: float, most: int) -> int:
 
 
 @compiled
-def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[np.int32]) -> None:
+def count_patches(u: Floats, v: Floats, counts: NDArray[np.int32]) -> None:
     """Count the convex patches that hold each pixel's centre.
 
     Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
@@ -26,11 +26,10 @@ def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[
     Args:
         u: (4, N) float64, px, of the corners in order, from the window's first pixel.
         v: (4, N), likewise.
-        layer: (N,) intp, of each patch.
-        counts: (layers, rows, columns + 1) int32, zeros, to be filled; the last column is none of the window's.
+        counts: (rows, columns + 1) int32, zeros, to be filled; the last column is none of the window's.
     """
-    layers, rows, columns = counts.shape
-    for k in range(len(layer)):
+    rows, columns = counts.shape
+    for k in range(u.shape[1]):
         area = (u[2, k] - u[0, k]) * (v[3, k] - v[1, k]) - (v[2, k] - v[0, k]) * (u[3, k] - u[1, k])
         if area == 0.0:
             continue
@@ -44,11 +43,10 @@ def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[
             at_zero = start_u - start_v * slope
             sign = 1 if (area > 0.0) == (last > first) else -1
             for row in range(min(first, last), max(first, last)):
-                counts[layer[k], row, _cell(slope * row + at_zero, columns - 1)] += sign
-    for number in range(layers):
-        for row in range(rows):
-            for column in range(1, columns):
-                counts[number, row, column] += counts[number, row, column - 1]
+                counts[row, _cell(slope * row + at_zero, columns - 1)] += sign
+    for row in range(rows):
+        for column in range(1, columns):
+            counts[row, column] += counts[row, column - 1]
 
 
 @compiled

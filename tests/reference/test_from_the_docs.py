@@ -22,7 +22,7 @@ from bench.reference import ReferenceBuilder
 from bench.reference.bands import pixels_per_radian
 from bench.reference.grid import Envelope, find_envelope
 from bench.reference.motion import AnnotationIndex
-from bench.reference.patches import MARGIN_PX, draw, union
+from bench.reference.patches import MARGIN_PX, draw
 from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import Prism, silhouette
 
@@ -109,10 +109,10 @@ def usual_row_steps(elevation: Array, lifts: Array, *, otherwise: float) -> Arra
 
 def painted(patches_world: Array, scanned: ScannedObject) -> Array:
     """The pixels inside of quadrilaterals, (N, 4, 3)."""
-    counts, (left, top) = draw(patches_world.T, scanned.exposure)
+    covered, (left, top) = draw(patches_world.T, scanned.exposure)
     around = np.zeros(np.add(scanned.exposure.valid.shape, 2 * MARGIN_PX), dtype=bool)
-    (rows, columns), (top, left) = counts.shape[1:], (top + MARGIN_PX, left + MARGIN_PX)
-    around[top : top + rows, left : left + columns] = union(counts)
+    (rows, columns), (top, left) = covered.shape, (top + MARGIN_PX, left + MARGIN_PX)
+    around[top : top + rows, left : left + columns] = covered
     return around[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
 
 

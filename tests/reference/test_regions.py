@@ -18,7 +18,7 @@ from bench.recordings import PointIndices
 from bench.records.reference import RegionKindName
 from bench.reference import REGION_KINDS, IgnoreReason, Status
 from bench.reference.grid import find_grid
-from bench.reference.patches import count_patches, without_slits
+from bench.reference.patches import covered_pixels, without_slits
 from bench.reference.regions import compose, hull_polygon, trace_polygon
 from tests.reference.drives import (
     ERRORS,
@@ -56,8 +56,7 @@ def squares(*corners, side=4.0):
 
 def pixels_of_patches(patches):
     """The pixels of patches, (4, N, 2), and the window's first one."""
-    counts, corner = count_patches(patches.T.swapaxes(1, 2), np.zeros(patches.shape[1], int), layers=1, **SIZE)
-    return counts[0] != 0, corner
+    return covered_pixels(patches.T.swapaxes(1, 2), **SIZE)
 
 
 def patch_polygon(patches, *, solid=False):
