@@ -15,11 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.geometry import Floats
 from bench.geometry.raster import Raster
 from bench.reference.exposure import Exposure
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, Grid
-
-Floats = NDArray[np.float64]
 
 SLIT = np.ones((3, 3), dtype=np.uint8)  # closes what is a pixel wide: finer than a beam
 MARGIN_PX = 4  # beyond the image, so that its border does not cut the outline

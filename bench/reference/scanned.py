@@ -26,7 +26,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from bench.geometry import RigidTransform, cross, dot, normalise
+from bench.geometry import Floats, RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.exposure import Exposure
@@ -35,8 +35,6 @@ from bench.reference.motion import ObjectAtExposure
 from bench.reference.patches import CutOff, Patches, draw, draw_closed, surface_patches, without_slits
 from bench.reference.sweeps import Cluster, PosedSweep, parts_at_exposure
 from bench.times import SECOND_NS
-
-Floats = NDArray[np.float64]
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
@@ -222,7 +220,8 @@ class ScannedObject:
         points, half_ns = self.sweep.sweep, self.sweep.revolution_ns // 2
         if points.time_offset_ns is not None:
             return 0.0
-        rotations, positions_m, _ = self.exposure.trajectory.at(points.timestamp_ns + np.array([-half_ns, half_ns]))
+        trajectory, ends_ns = self.exposure.recording.trajectory, points.timestamp_ns + np.array([-half_ns, half_ns])
+        rotations, positions_m, _ = trajectory.at(ends_ns)
         middle_m = self.cluster.points_world.mean(axis=0)
         centres_m = middle_m + velocity_mps * np.array([[-half_ns], [half_ns]]) / SECOND_NS
         first_m, last_m = np.einsum("nji,nj->ni", rotations, centres_m - positions_m)
@@ -230,7 +229,7 @@ class ScannedObject:
 
     @cached_property
     def surface(self) -> Surface:
-        """Pixels of the surface; for protocols with unknown bands also what it has at least, at most and for certain."""
+        """Pixels of the surface; for protocols with unknown bands also those at least, at most and for certain."""
         if self.grid is None:
             return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64))
         covered, corner = draw(self.patches.corners, self.exposure)
