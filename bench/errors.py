@@ -9,9 +9,8 @@ from __future__ import annotations
 import errno
 import os
 from difflib import get_close_matches
-from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.plain_text import plain
 
@@ -27,6 +26,16 @@ DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 class BenchError(Exception):
     """A mistake that the user can fix; `str()` is one line that says how."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Survive the way back from a worker process, whatever arguments it was made of."""
+        return _restored, (type(self), str(self), self.__dict__)
+
+
+def _restored(kind: type[BenchError], message: str, attributes: dict[str, Any]) -> BenchError:
+    error = kind.__new__(kind, message)
+    error.__dict__.update(attributes)
+    return error
 
 
 class UsageError(BenchError):
@@ -54,11 +63,6 @@ class DataError(BenchError):
         self.others: tuple[DataError, ...] = ()  # of the same file, which `validate` lists too
         where = self.file if field is None else f"{self.file}: {field}"
         super().__init__(plain(f"{where}: expected {expected}, got {got}" + (f"; {hint}" if hint else "")))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way back from a worker process, keyword arguments included."""
-        made = partial(DataError, field=self.field, expected=self.expected, got=self.got, hint=self.hint)
-        return made, (self.file,)
 
 
 def refuse(errors: Iterable[DataError]) -> None:
@@ -91,10 +95,6 @@ class OutputError(BenchError):
         hint = "free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
         return cls(file, got=f"{error.strerror or error}{culprit}", hint=hint)
 
-    def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way back from a worker process, keyword arguments included."""
-        return partial(OutputError, got=self.got, hint=self.hint), (self.file,)
-
 
 class UnknownNameError(UsageError):
     """A name that a registry does not know; the message lists the known ones and the nearest.
@@ -112,6 +112,3 @@ class UnknownNameError(UsageError):
         advice = f"; {hint}" if hint else ""
         near = f"; did you mean {nearest[0]!r}?" if nearest else ""
         super().__init__(f"unknown {kind} {name!r}: known are {', '.join(self.known) or 'none'}{advice}{near}")
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return partial(UnknownNameError, hint=self.hint), (self.kind, self.name, self.known)

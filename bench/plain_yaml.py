@@ -6,7 +6,6 @@ and one that nests deeply ends in a traceback. Here the tree is measured before 
 
 from __future__ import annotations
 
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -78,12 +77,12 @@ def _refuse_keys_twice(mapping: yaml.MappingNode, file: Path | str) -> None:
         seen[name] = line
 
 
-def known_rules(folder: Traversable) -> tuple[str, ...]:
+def known_rules(folder: Path) -> tuple[str, ...]:
     """Names of the YAML files that the package ships in a folder."""
-    return tuple(sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml")))
+    return tuple(sorted(file.stem for file in folder.glob("*.yaml")))
 
 
-def read_rules(name_or_path: str | Path, *, shipped: Traversable, kind: str) -> tuple[dict[str, Any], Path]:
+def read_rules(name_or_path: str | Path, *, shipped: Path, kind: str) -> tuple[dict[str, Any], Path]:
     """Read a file of rules: one of the package by name, or any other by its path.
 
     A file with `based_on: NAME`, of the package, takes over what it does not say itself, key by key at every level.
@@ -102,12 +101,11 @@ def read_rules(name_or_path: str | Path, *, shipped: Traversable, kind: str) -> 
         DataError: not readable, not YAML with keys, or based on what the package does not have.
     """
     known = known_rules(shipped)
-    packaged = isinstance(name_or_path, str) and name_or_path in known
-    file = Path(str(shipped / f"{name_or_path}.yaml")) if packaged else Path(name_or_path)
-    if not packaged and not file.is_file():
+    file = shipped / f"{name_or_path}.yaml" if name_or_path in known else Path(name_or_path)
+    if not file.is_file():
         raise UnknownNameError(kind, str(name_or_path), known)
     try:
-        text = (shipped / file.name if packaged else file).read_text("utf-8")
+        text = file.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(file, expected="a readable text file", got=" ".join(str(error).split())) from error
     values = parse_yaml(text, file=file)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import chdir, contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
@@ -19,21 +18,11 @@ from bench.errors import UsageError
 SHOWN_CALLS = 5  # of the traceback of foreign code, innermost last
 
 
-class Undisturbed:
-    """Around foreign code: what it changes of the process is as before afterwards.
-
-    That is the working folder, from which paths count, the recursion limit, and how NumPy meets errors. No frame of
-    Python lies between leaving and the restored limit, which may be too low for any.
-    """
-
-    def __enter__(self) -> None:
-        self._folder, self._limit, self._errors = Path.cwd(), sys.getrecursionlimit(), np.errstate()
-        self._errors.__enter__()
-
-    def __exit__(self, *_: object) -> None:
-        sys.setrecursionlimit(self._limit)
-        self._errors.__exit__(None, None, None)
-        os.chdir(self._folder)
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Around foreign code: afterwards the working folder and NumPy's handling of errors are as before."""
+    with chdir(Path.cwd()), np.errstate():
+        yield
 
 
 @cache
@@ -69,7 +58,7 @@ def imported(target: str, *, expected: str) -> Any:
             f"{expected} at MODULE:NAME, as my_method:MyMethod, got {target!r}; name a module, not its path"
         )
     try:
-        with Undisturbed():
+        with undisturbed():
             return getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         hint = f"; name the module without .py: {module[:-3]}:{attribute}" if module.endswith(".py") else ""

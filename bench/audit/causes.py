@@ -28,7 +28,7 @@ from bench.harness.frames import FramePipeline
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.methods.two_views import flow_rays
 from bench.recordings import MountedCamera
-from bench.reference import ReferenceFrame, Status
+from bench.records.reference import ReferenceFrame, Status
 from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
 from bench.synthesis.scene import build_scene
 

@@ -17,15 +17,9 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory
 from bench.evaluation.rows import IMAGE, Row
 from bench.recordings import ImageRef, ObjectState, Recording, Track
-from bench.reference import (
-    REGION_KINDS,
-    Category,
-    ReferenceBuilder,
-    ReferenceFrame,
-    ReferenceObject,
-    ReferenceSettings,
-    Status,
-)
+from bench.records.reference import Category, ReferenceFrame, ReferenceObject, Status
+from bench.records.rules import ReferenceSettings
+from bench.reference import REGION_KINDS, ReferenceBuilder
 
 
 class Compensation(StrEnum):

@@ -51,7 +51,8 @@ from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import MethodOfRun
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import DatasetCard, ImageRef, Recording, read_truth
-from bench.reference import REGION_KINDS, ReferenceFrame, Status
+from bench.records.reference import ReferenceFrame, Status
+from bench.reference import REGION_KINDS
 
 AUDIT = "audit.json"
 ALL = "all"

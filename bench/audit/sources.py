@@ -19,7 +19,7 @@ from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
 from bench.harness.stored import Provenance, provenance_since
 from bench.recordings import DatasetCard, Recording, RecordingHandle, open_dataset
-from bench.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import IgnoreReason, ReferenceFrame, ReferenceObject, Status
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.scenario import RecordingSpec
 

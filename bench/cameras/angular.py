@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from typing_extensions import override
 
-from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import CameraModel, FocalCamera, checked_max_angle, finite_numbers
 from bench.errors import ShapeError
 from bench.geometry import Bools, Floats
 
@@ -20,14 +20,15 @@ NEWTON_STEPS = 2
 LARGEST = 100.0  # end of the table where neither the polynomial nor its domain has one
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class MonotonePolynomial:
     """`f(x) = x (c0 + c1 x^step + c2 x^(2 step) + ...)` for x in [0, limit], where f' > 0.
 
-    Attributes:
+    Args:
         coefficients: c0, c1, ...; c0 must be positive.
         step: 1 for every power (the radial polynomial), 2 for odd powers (Kannala-Brandt, radial distortion).
         domain: the largest x of interest; may be infinite.
+
+    Attributes:
         limit: first zero of the derivative, or `domain` where there is none before it.
         top: f(limit), the largest value that has an inverse.
 
@@ -35,64 +36,43 @@ class MonotonePolynomial:
         ShapeError: the polynomial does not rise at 0.
     """
 
-    coefficients: tuple[float, ...]
-    step: int
-    domain: float
-    limit: float = field(init=False)
-    top: float = field(init=False)
-    _nodes: Floats = field(init=False, repr=False)
-    _values: Floats = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.coefficients).all() and self.coefficients[0] > 0):
+    def __init__(self, coefficients: Sequence[float], step: int, domain: float) -> None:
+        if not (np.isfinite(coefficients).all() and coefficients[0] > 0):
             raise ShapeError(
-                f"camera model: expected finite coefficients with a positive linear term, got {self.coefficients}"
+                f"camera model: expected finite coefficients with a positive linear term, got {coefficients}"
             )
-        object.__setattr__(self, "limit", min(self._first_fold(), self.domain))
-        nodes = self._table_nodes()
-        object.__setattr__(self, "_nodes", nodes)
-        object.__setattr__(self, "_values", self(nodes))
-        object.__setattr__(self, "top", float(self._values[-1]) if np.isfinite(self.limit) else np.inf)
+        self._coefficients, self._step = coefficients, step
+        self._slopes = [c * (1 + step * i) for i, c in enumerate(coefficients)]
+        fold = min(positive_roots(Polynomial(self._slopes)), default=np.inf) ** (1.0 / step)
+        self.limit: float = min(fold, domain)
+        if self.limit > LARGEST:
+            self._nodes: Floats = np.linspace(0.0, LARGEST, NODES_WITHOUT_LIMIT)
+        else:  # denser towards the limit: where the polynomial folds, its inverse rises ever steeper
+            self._nodes = self.limit * (1.0 - np.linspace(1.0, 0.0, NODES) ** 2)
+        self._values = self(self._nodes)
+        self.top = float(self._values[-1]) if np.isfinite(self.limit) else np.inf
 
     def __call__(self, x: Floats) -> Floats:
         """Evaluate; no check of the limit."""
-        power = x if self.step == 1 else x * x
-        return x * _horner(self.coefficients, power)
-
-    def derivative(self, x: Floats) -> Floats:
-        """Slope at `x`."""
-        power = x if self.step == 1 else x * x
-        return _horner([c * (1 + self.step * i) for i, c in enumerate(self.coefficients)], power)
+        return x * _horner(self._coefficients, x if self._step == 1 else x * x)
 
     def inverse(self, y: Floats) -> Floats:
         """x with f(x) = y, by table and Newton's method; clamped to [0, limit].
 
         Beyond f(limit) the result is the limit: the caller marks it as not valid.
         """
-        if len(self.coefficients) == 1:
-            return np.minimum(y / self.coefficients[0], self.limit)
+        if len(self._coefficients) == 1:
+            return np.minimum(y / self._coefficients[0], self.limit)
         x = np.interp(y, self._values, self._nodes)
         for _ in range(NEWTON_STEPS):
+            slope = _horner(self._slopes, x if self._step == 1 else x * x)
             with np.errstate(divide="ignore", invalid="ignore"):
-                x -= (self(x) - y) / self.derivative(x)
+                x -= (self(x) - y) / slope
             np.clip(x, 0.0, self.limit, out=x)
         return x
 
-    def _table_nodes(self) -> Floats:
-        """Nodes of the table, denser towards the limit: where the polynomial folds, its inverse rises ever steeper."""
-        if self.limit > LARGEST:
-            return np.linspace(0.0, LARGEST, NODES_WITHOUT_LIMIT)
-        return self.limit * (1.0 - np.linspace(1.0, 0.0, NODES) ** 2)
 
-    def _first_fold(self) -> float:
-        slope = [c * (1 + self.step * i) for i, c in enumerate(self.coefficients)]
-        roots = np.polynomial.Polynomial(slope).roots()
-        real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots.real))].real
-        positive = real[real > 0]
-        return float(positive.min()) ** (1.0 / self.step) if positive.size else float("inf")
-
-
-def _horner(coefficients: tuple[float, ...] | list[float], x: Floats) -> Floats:
+def _horner(coefficients: Sequence[float], x: Floats) -> Floats:
     total = np.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         total *= x
@@ -100,18 +80,23 @@ def _horner(coefficients: tuple[float, ...] | list[float], x: Floats) -> Floats:
     return total
 
 
+def positive_roots(polynomial: Polynomial) -> list[float]:
+    """The real roots above 0, those of multiplicity two among them, whose imaginary parts are rounding."""
+    roots = np.asarray(polynomial.trim().roots(), dtype=np.complex128)
+    real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
+    return [float(root) for root in real[real > 0]]
+
+
 class Radius(Protocol):
-    """Image radius as a function of the angle to the optical axis."""
+    """Image radius as a function of the angle to the optical axis.
 
-    @property
-    def limit(self) -> float:
-        """Largest angle at which it rises."""
-        ...
+    Attributes:
+        limit: largest angle at which it rises.
+        top: the radius there; may be infinite.
+    """
 
-    @property
-    def top(self) -> float:
-        """The radius there; may be infinite."""
-        ...
+    limit: float
+    top: float
 
     def __call__(self, theta: Floats, /) -> Floats:
         """Evaluate; anything beyond `limit`."""
@@ -167,11 +152,10 @@ class AngularCamera(CameraModel):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KannalaBrandtCamera(AngularCamera):
+class KannalaBrandtCamera(FocalCamera, AngularCamera):
     """`r(theta) = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)`, times the focal length.
 
     Attributes:
-        focal: (fx, fy), px.
         coefficients: k1 ... k4; any number of them, none for the equidistant lens.
         max_angle_rad: field limit of the lens; None for as far as the polynomial rises.
 
@@ -179,20 +163,14 @@ class KannalaBrandtCamera(AngularCamera):
         Kannala and Brandt 2006; OpenCV's `fisheye` module, without its restriction to z > 0.
     """
 
-    focal: tuple[float, float]
     coefficients: tuple[float, ...]
     max_angle_rad: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
         object.__setattr__(self, "coefficients", finite_numbers(self.coefficients, "coefficients"))
         radius = MonotonePolynomial((1.0, *self.coefficients), 2, checked_max_angle(self.max_angle_rad))
         self._prepare(radius, scale=self.focal, centre=self.principal_point)
-
-    @override
-    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
-        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,49 +224,42 @@ ANGLE_STEPS = 4
 FARTHEST = 100.0  # times |a0|: the radius of an angle near that of an endless image
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PolynomialAngle:
     """The radius rho at which a ray of angle theta lands: `tan(theta) = rho / g(rho)`.
 
     The angle rises with rho while g - rho g' > 0.
 
-    Attributes:
+    Args:
         depth: g, the depth of the ray whose sideways part is rho; positive at 0.
         domain: largest angle of interest.
+
+    Attributes:
         limit: the largest angle up to which the mapping is one-to-one.
         top: the radius there.
     """
 
-    depth: Polynomial
-    domain: float
-    limit: float = field(init=False)
-    top: float = field(init=False)
-    _nodes: Floats = field(init=False, repr=False)
-    _angles: Floats = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        roots = np.asarray((self.depth - Polynomial([0.0, 1.0]) * self.depth.deriv()).trim().roots(), dtype=complex)
-        folds = roots[(np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))) & (roots.real > 0)].real
-        end = min([*folds, FARTHEST * float(self.depth(0.0))])
-        nodes = end * (1.0 - np.linspace(1.0, 0.0, ANGLE_NODES) ** 2)
-        object.__setattr__(self, "_nodes", nodes)
-        object.__setattr__(self, "_angles", self.inverse(nodes))
-        object.__setattr__(self, "limit", min(float(self._angles[-1]), self.domain))
-        object.__setattr__(self, "top", float(self(np.array([self.limit]))[0]))
+    def __init__(self, depth: Polynomial, domain: float) -> None:
+        self._depth, self._slope = depth, depth.deriv()
+        folds = positive_roots(depth - Polynomial([0.0, 1.0]) * self._slope)
+        end = min([*folds, FARTHEST * float(depth(0.0))])
+        self._nodes = end * (1.0 - np.linspace(1.0, 0.0, ANGLE_NODES) ** 2)
+        self._angles = self.inverse(self._nodes)
+        self.limit = min(float(self._angles[-1]), domain)
+        self.top = float(self(np.array([self.limit]))[0])
 
     def __call__(self, theta: Floats) -> Floats:
         """rho, by table and Newton's method, clamped to where the mapping is one-to-one."""
-        rho, slope = np.interp(theta, self._angles, self._nodes), self.depth.deriv()
+        rho = np.interp(theta, self._angles, self._nodes)
         sine, cosine = np.sin(theta), np.cos(theta)
         for _ in range(ANGLE_STEPS):
             with np.errstate(divide="ignore", invalid="ignore"):
-                step = (rho * cosine - self.depth(rho) * sine) / (cosine - slope(rho) * sine)
+                step = (rho * cosine - self._depth(rho) * sine) / (cosine - self._slope(rho) * sine)
             rho = np.clip(rho - np.nan_to_num(step, posinf=0.0, neginf=0.0), 0.0, self._nodes[-1])
         return rho
 
     def inverse(self, rho: Floats) -> Floats:
         """The angle of a radius."""
-        return np.asarray(np.arctan2(rho, self.depth(rho)))
+        return np.asarray(np.arctan2(rho, self._depth(rho)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Interface of every camera model, the rays of its cells, the times of its rows, and the models by their names.
+"""Interface of every camera model, the rays of its cells, and the times of its rows.
 
 Rolling shutter: the rows of an image are exposed one after the other. The time of an image is that of its middle row.
 Rows are counted as the sensor is mounted: `direction` says which way the readout moves over the stored image, so that
@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from importlib import import_module
 from typing import Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
-from bench.errors import ShapeError, UnknownNameError
+from bench.errors import ShapeError
 from bench.geometry import Bools, Floats
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -124,6 +124,27 @@ class CameraModel(ABC):
         return np.asarray((u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5))
 
 
+@dataclass(frozen=True, kw_only=True)
+class FocalCamera(CameraModel):
+    """Base of the models with a focal length.
+
+    Attributes:
+        focal: (fx, fy), px.
+    """
+
+    focal: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "focal", finite_pair(self.focal, "focal"))
+        if min(self.focal) <= 0:
+            raise ShapeError(f"focal: expected two positive numbers, got {self.focal}")
+
+    @override
+    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
+        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RayGrid:
     """Rays through the centres of square cells that tile the image from its first pixel.
@@ -227,15 +248,15 @@ class RollingShutter:
         return np.asarray((self.readout_s if self.direction in {"down", "right"} else -self.readout_s) * share)
 
 
-def finite_pair(values: object, name: str, *, positive: bool = False) -> tuple[float, float]:
+def finite_pair(values: object, name: str) -> tuple[float, float]:
     """Two finite numbers as a tuple.
 
     Raises:
-        ShapeError: anything else, or a number that is not positive where it must be.
+        ShapeError: anything else.
     """
     numbers = finite_numbers(values, name)
-    if len(numbers) != 2 or (positive and min(numbers) <= 0):
-        raise ShapeError(f"{name}: expected two {'positive ' if positive else ''}numbers, got {numbers}")
+    if len(numbers) != 2:
+        raise ShapeError(f"{name}: expected two numbers, got {numbers}")
     return numbers[0], numbers[1]
 
 
@@ -269,59 +290,3 @@ def _rows(values: Floats, columns: int, name: str) -> Floats:
     if rows.ndim != 2 or rows.shape[1] != columns:
         raise ShapeError(f"{name}: expected (N, {columns}), got {rows.shape}")
     return rows
-
-
-CAMERA_MODELS = {
-    "radial_polynomial": "bench.cameras.angular:RadialPolynomialCamera",
-    "kannala_brandt": "bench.cameras.angular:KannalaBrandtCamera",
-    "unified": "bench.cameras.spheres:UnifiedCamera",
-    "brown_conrady": "bench.cameras.pinhole:BrownConradyCamera",
-    "pinhole": "bench.cameras.pinhole:PinholeCamera",
-    "double_sphere": "bench.cameras.spheres:DoubleSphereCamera",
-    "extended_unified": "bench.cameras.spheres:ExtendedUnifiedCamera",
-    "ocam": "bench.cameras.angular:OcamCamera",
-}
-OTHER_NAMES = {  # of ROS, Kalibr, OpenCV and others
-    **dict.fromkeys(("equidistant", "equidist", "fisheye", "opencv_fisheye", "kb4", "kb8"), "kannala_brandt"),
-    **dict.fromkeys(("mei", "omni", "cmei", "ucm"), "unified"),
-    **dict.fromkeys(("plumb_bob", "radtan", "opencv", "opencv_pinhole", "brown"), "brown_conrady"),
-    **dict.fromkeys(("ds", "doublesphere"), "double_sphere"),
-    **dict.fromkeys(("eucm", "extended_unified_camera"), "extended_unified"),
-    **dict.fromkeys(("scaramuzza", "ocamcalib", "omnidirectional"), "ocam"),
-}
-
-
-def camera_from_parameters(model: str, *, width: int, height: int, **parameters: Any) -> CameraModel:
-    """Build a camera from its stored form.
-
-    Args:
-        model: a name of `CAMERA_MODELS` or `OTHER_NAMES`, in any case.
-        width: image width, px.
-        height: image height, px.
-        parameters: the model's own fields.
-
-    Raises:
-        UnknownNameError: no such model.
-        ShapeError: parameters that are missing, unknown or out of their domain.
-    """
-    cls = _model_class(OTHER_NAMES.get(model.lower(), model.lower()))
-    try:
-        return cls(width=width, height=height, **parameters)
-    except TypeError as error:
-        known = ", ".join(f.name for f in fields(cls) if f.init)
-        given = ", ".join(("width", "height", *parameters))
-        raise ShapeError(f"camera model {model!r}: expected the parameters {known}, got {given}") from error
-
-
-def camera_parameters(camera: CameraModel) -> dict[str, Any]:
-    """The stored form of a camera: `camera_from_parameters(**camera_parameters(camera)) == camera`."""
-    name = next((n for n in CAMERA_MODELS if type(camera) is _model_class(n)), type(camera).__name__)
-    return {"model": name} | {f.name: getattr(camera, f.name) for f in fields(camera) if f.init}
-
-
-def _model_class(model: str) -> type[CameraModel]:
-    if model not in CAMERA_MODELS:
-        raise UnknownNameError("camera model", model, CAMERA_MODELS)
-    module, name = CAMERA_MODELS[model].split(":")
-    model_class: type[CameraModel] = getattr(import_module(module), name)
-    return model_class

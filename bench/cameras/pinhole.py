@@ -3,35 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from typing_extensions import override
 
-from bench.cameras.angular import MonotonePolynomial
-from bench.cameras.model import CameraModel, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.angular import MonotonePolynomial, positive_roots
+from bench.cameras.model import FocalCamera, checked_max_angle, finite_numbers, finite_pair
 from bench.errors import ShapeError
 from bench.geometry import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanarCamera(CameraModel):
-    """`u = fx x + cu`, `v = fy y + cv` for the point (x, y) of the plane to which the lens maps a ray.
-
-    Attributes:
-        focal: (fx, fy), px.
-    """
-
-    focal: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
-
-    @override
-    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
-        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
+class PlanarCamera(FocalCamera):
+    """`u = fx x + cu`, `v = fy y + cv` for the point (x, y) of the plane to which the lens maps a ray."""
 
     def _pixels(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """u and v of points of the plane."""
@@ -71,7 +56,6 @@ LARGEST = 1e9  # coefficient; products of such stay finite
 SOLVED = 1e-10  # miss of a solution, in focal lengths: a ten-thousandth of a pixel for the longest lens
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class BrownDistortion:
     """Radial and tangential distortion of points (x, y) of the plane at distance 1.
 
@@ -86,10 +70,12 @@ class BrownDistortion:
     at c = -1, with zeros at A = 6 R and B = 2 R, or, where A + 3 B < 16 R, at c = -(A + 3 B) / (16 R), with a zero at
     (A - B)(A - 9 B) + 64 R^2 = 0. The first of these zeros is the limit.
 
-    Attributes:
+    Args:
         radial: (k1, k2, k3).
         tangential: (p1, p2).
         domain: largest radius of interest; may be infinite.
+
+    Attributes:
         limit: radius of the largest disc in `domain` on which the mapping is one-to-one.
 
     Raises:
@@ -99,22 +85,16 @@ class BrownDistortion:
         Brown 1966; OpenCV's `projectPoints` with five coefficients.
     """
 
-    radial: tuple[float, float, float]
-    tangential: tuple[float, float]
-    domain: float
-    limit: float = field(init=False)
-    _along: MonotonePolynomial = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        if max(map(abs, (*self.radial, *self.tangential))) > LARGEST:
-            raise ShapeError(f"distortion: expected coefficients up to {LARGEST:g}, got {self.radial, self.tangential}")
-        along = MonotonePolynomial((1.0, *self.radial), 2, self.domain)
-        object.__setattr__(self, "_along", along)
-        object.__setattr__(self, "limit", min(along.limit, self._first_fold()))
+    def __init__(self, radial: tuple[float, float, float], tangential: tuple[float, float], domain: float) -> None:
+        if max(map(abs, (*radial, *tangential))) > LARGEST:
+            raise ShapeError(f"distortion: expected coefficients up to {LARGEST:g}, got {radial, tangential}")
+        self._radial, self._tangential = radial, tangential
+        self._along = MonotonePolynomial((1.0, *radial), 2, domain)
+        self.limit = min(self._along.limit, self._first_fold())
 
     def __call__(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Distort; no check of the limit."""
-        (k1, k2, k3), (p1, p2) = self.radial, self.tangential
+        (k1, k2, k3), (p1, p2) = self._radial, self._tangential
         xx, yy, xy = x * x, y * y, x * y
         squared = xx + yy
         stretch = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
@@ -134,7 +114,7 @@ class BrownDistortion:
         shrink = self._along.inverse(radius) / radius
         shrink[radius == 0] = 1.0
         m_x, m_y = x * shrink, y * shrink
-        if not any(self.tangential):
+        if not any(self._tangential):
             return m_x, m_y, radius <= self._along.top
         for _ in range(NEWTON_STEPS):
             m_x, m_y = self._within(m_x, m_y)
@@ -147,7 +127,7 @@ class BrownDistortion:
         return m_x, m_y, solved & (np.hypot(m_x, m_y) <= self.limit * (1.0 + 1e-9))
 
     def _newton_step(self, m_x: Floats, m_y: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        (k1, k2, k3), (p1, p2) = self.radial, self.tangential
+        (k1, k2, k3), (p1, p2) = self._radial, self._tangential
         xx, yy, xy = m_x * m_x, m_y * m_y, m_x * m_y
         squared = xx + yy
         stretch = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
@@ -170,23 +150,17 @@ class BrownDistortion:
 
     def _first_fold(self) -> float:
         """The smallest radius at which the determinant is 0 in some direction; infinite without tangential terms."""
-        size = float(np.hypot(*self.tangential))
+        size = float(np.hypot(*self._tangential))
         if not size:
             return np.inf
-        k1, k2, k3 = self.radial
+        k1, k2, k3 = self._radial
         along = Polynomial([1.0, 0.0, 3 * k1, 0.0, 5 * k2, 0.0, 7 * k3])
         across = Polynomial([1.0, 0.0, k1, 0.0, k2, 0.0, k3])
         tilt = Polynomial([0.0, size])
-        ends = [*_positive_roots(along - 6 * tilt), *_positive_roots(across - 2 * tilt)]
-        between = _positive_roots((along - across) * (along - 9 * across) + 64 * tilt**2)
+        ends = [*positive_roots(along - 6 * tilt), *positive_roots(across - 2 * tilt)]
+        between = positive_roots((along - across) * (along - 9 * across) + 64 * tilt**2)
         within = [radius for radius in between if float((along + 3 * across - 16 * tilt)(radius)) < 0]
         return min([*ends, *within], default=np.inf)
-
-
-def _positive_roots(polynomial: Polynomial) -> list[float]:
-    roots = np.asarray(polynomial.trim().roots(), dtype=np.complex128)
-    real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
-    return [float(root) for root in real[real > 0]]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from typing_extensions import override
 
 from bench.cameras.angular import AngularCamera
-from bench.cameras.model import checked_max_angle, finite_pair
+from bench.cameras.model import FocalCamera, checked_max_angle, finite_pair
 from bench.cameras.pinhole import BrownDistortion, PlanarCamera
 from bench.errors import ShapeError
 from bench.geometry import Bools, Floats
@@ -90,7 +89,6 @@ class UnifiedCamera(PlanarCamera):
         return float(np.arctan2(lift * radius, lift - self.xi))
 
 
-@dataclass(frozen=True, slots=True)
 class SphereRadius:
     """`r(theta) = sin(phi) / (sqrt(beta) (alpha + (1 - alpha) cos(phi)))`, phi the angle on the last sphere.
 
@@ -99,33 +97,28 @@ class SphereRadius:
     alpha > 1/2 and without end towards cos(phi) = -alpha/(1 - alpha) else; and phi with theta up to
     cos(theta) = -1/xi for xi > 1.
 
-    Attributes:
+    Args:
         alpha: in [0, 1].
         xi: above -1.
         beta: above 0.
         domain: largest angle of interest.
+
+    Attributes:
         limit: largest angle up to which the radius rises.
         top: the radius there.
     """
 
-    alpha: float
-    xi: float
-    beta: float
-    domain: float
-    limit: float = field(init=False)
-    top: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.alpha <= 1.0:
-            raise ShapeError(f"alpha: expected a number from 0 to 1, got {self.alpha}")
-        weights = self.alpha, 1.0 - self.alpha
+    def __init__(self, alpha: float, xi: float, beta: float, domain: float) -> None:
+        if not 0.0 <= alpha <= 1.0:
+            raise ShapeError(f"alpha: expected a number from 0 to 1, got {alpha}")
+        self.alpha, self.xi, self.beta = alpha, xi, beta
+        weights = alpha, 1.0 - alpha
         last = np.arccos(-min(weights) / max(weights))
-        if self.xi > 1.0:  # phi has its largest value before
-            last = np.arcsin(1.0 / self.xi)
-        limit = min(float(self._angle(np.asarray(last))), self.domain)
-        object.__setattr__(self, "limit", limit)
+        if xi > 1.0:  # phi has its largest value before
+            last = np.arcsin(1.0 / xi)
+        self.limit = min(float(self._angle(np.asarray(last))), domain)
         with np.errstate(divide="ignore"):
-            object.__setattr__(self, "top", float(self(np.asarray(limit))) if limit == self.domain else self._largest())
+            self.top = float(self(np.asarray(self.limit))) if self.limit == domain else self._largest()
 
     def __call__(self, theta: Floats) -> Floats:
         """Evaluate; no check of the limit."""
@@ -154,22 +147,19 @@ class SphereRadius:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SphereCamera(AngularCamera):
+class SphereCamera(FocalCamera, AngularCamera):
     """Base of both.
 
     Attributes:
-        focal: (fx, fy), px.
         alpha: how far behind the sphere the image is taken from, 0 to 1.
         max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
     """
 
-    focal: tuple[float, float]
     alpha: float
     max_angle_rad: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "focal", finite_pair(self.focal, "focal", positive=True))
         xi, beta = self._shape()
         radius = SphereRadius(float(self.alpha), xi, beta, checked_max_angle(self.max_angle_rad))
         self._prepare(radius, scale=self.focal, centre=self.principal_point)
@@ -177,10 +167,6 @@ class SphereCamera(AngularCamera):
     @abstractmethod
     def _shape(self) -> tuple[float, float]:
         """Shift and stretch of the sphere, checked."""
-
-    @override
-    def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:
-        return {"focal": (self.focal[0] * scale_u, self.focal[1] * scale_v)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bench.harness import FramePipeline
     from bench.methods import Scorable
     from bench.recordings import DatasetCard, ImageRef, Recording
-    from bench.reference import ReferenceObject
+    from bench.records.reference import ReferenceObject
 
 PICTURES = Path("reports/runs/view")
 

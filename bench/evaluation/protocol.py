@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from functools import cached_property
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -100,7 +99,7 @@ class Protocol(Rules):
         return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-_SHIPPED = resources.files("bench.evaluation") / "protocols"
+_SHIPPED = Path(__file__).parent / "protocols"
 
 
 def known_protocols() -> tuple[str, ...]:

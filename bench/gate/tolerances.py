@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -135,7 +134,7 @@ def void_rules(tolerances: Tolerances, rows: Iterable[tuple[str, str]]) -> list[
     ]
 
 
-_SHIPPED = resources.files("bench.gate") / "tolerances"
+_SHIPPED = Path(__file__).parent / "tolerances"
 
 
 def known_tolerances() -> tuple[str, ...]:

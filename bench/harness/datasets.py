@@ -21,7 +21,7 @@ from bench.methods import MethodInput
 from bench.recordings import DatasetCard, Recording, RecordingHandle, chosen_recordings, list_cards, load_card
 from bench.recordings import open_dataset as list_recordings
 from bench.recordings.cards import shipped_folder
-from bench.reference import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -107,8 +107,9 @@ def _parts(value: Any) -> Iterator[bytes]:
                 yield from _parts(item)
         case _ if is_dataclass(value):
             for field in fields(value):
-                yield field.name.encode()
-                yield from _parts(getattr(value, field.name))
+                if field.init:  # others were worked out from these
+                    yield field.name.encode()
+                    yield from _parts(getattr(value, field.name))
         case _:
             raise TypeError(f"expected a value that a digest can be taken of, got {type(value)!r}")
 

@@ -20,7 +20,7 @@ from bench.methods import Method, Scorable, Segmentation, build_method, known_me
 from bench.methods.contract import not_derived, refuse_unfit
 from bench.methods.registry import build
 from bench.recordings import ImageRef, Recording, read_truth
-from bench.reference import ReferenceFrame, Status
+from bench.records.reference import ReferenceFrame, Status
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,8 @@ from bench.methods import Method, MethodInput, Scorable, Segmentation, Unanswere
 from bench.methods.contract import not_derived, own_copy
 from bench.recordings import ImageRef, Recording, frame_gaps, read_image
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
-from bench.reference import ReferenceBuilder, ReferenceFrame, visible_region
+from bench.records.reference import ReferenceFrame
+from bench.reference import ReferenceBuilder, visible_region
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

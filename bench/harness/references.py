@@ -23,7 +23,8 @@ from bench.errors import BenchError, OutputError
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, library_versions
 from bench.recordings import ImageRef, Recording
 from bench.records.reference import ReferenceFrame
-from bench.reference import ReferenceBuilder, ReferenceSettings
+from bench.records.rules import ReferenceSettings
+from bench.reference import ReferenceBuilder
 
 CACHE_VARIABLE = "FISHEYE_BENCH_CACHE"
 LIMIT_BYTES = 4 << 30

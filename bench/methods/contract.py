@@ -19,7 +19,7 @@ from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 from bench.cameras import CameraModel, RollingShutter
 from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.plug_ins import Undisturbed, describe_error
+from bench.plug_ins import describe_error, undisturbed
 from bench.records.segmentation import Segmentation, segmentation_fault
 
 
@@ -200,7 +200,7 @@ def own_copy(method: Copied) -> Copied:
         UsageError: it holds what cannot be copied.
     """
     try:
-        with Undisturbed():
+        with undisturbed():
             return deepcopy(method)
     except Exception as error:  # whatever its attributes raise
         raise UsageError(
@@ -263,7 +263,7 @@ def ask_method(method: Method, frame: MethodInput) -> Segmentation:
         DataError: a file that the method reads cannot be used.
     """
     try:
-        with Undisturbed():
+        with undisturbed():
             answer = method.segment(frame)
     except (UnansweredImage, DataError, MemoryError, KeyboardInterrupt):
         raise

@@ -11,7 +11,7 @@ from typing import Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit, unlike
-from bench.plug_ins import Undisturbed, describe_error, imported, known_targets
+from bench.plug_ins import describe_error, imported, known_targets, undisturbed
 
 Kind = TypeVar("Kind", bound=Scorable)
 ENTRY_POINTS = "fisheye_bench.methods"
@@ -93,7 +93,7 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
     given = dict(parameters or {})
     _refuse_values(name, kind, given)
     try:
-        with Undisturbed():
+        with undisturbed():
             built = kind(**given)
     except TypeError as error:
         takes = ", ".join(inspect.signature(kind).parameters) or "no parameters"

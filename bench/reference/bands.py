@@ -28,7 +28,7 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, ray_grid
-from bench.geometry import cross, dot, normalise
+from bench.geometry import Floats, cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.reference.grid import BRIDGED_STEPS, FARTHEST_M, Beam, Grid
 from bench.reference.patches import draw_closed
@@ -36,8 +36,6 @@ from bench.reference.regions import Region
 from bench.reference.scanned import ScannedObject, Surface
 from bench.reference.silhouette import Prism, silhouette
 from bench.reference.sweeps import turned
-
-Floats = NDArray[np.float64]
 
 OUTLINE_STEP_M = 0.25  # the height of a cone that falls by 24 degrees, 1.5 m from its axis, is right to 3 mm
 MOST_CELLS = 2000  # to a side: returns twice in nearly one direction would make steps of nothing

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from bench.errors import DataError, UnknownNameError, UsageError
+from bench.errors import DataError, UsageError
 from bench.recordings.images import read_moving_mask
 from bench.records.recording import ImageRef, Recording
 from bench.records.reference import (
@@ -49,16 +49,11 @@ class ReferenceBuilder:
         camera: name of the camera.
         settings: of the protocol.
         beside: another builder of the same camera, with which sweeps are shared; None for a builder of its own.
-
-    Raises:
-        UnknownNameError: a kind of region that does not exist.
     """
 
     def __init__(
         self, recording: Recording, camera: str, settings: ReferenceSettings, *, beside: ReferenceBuilder | None = None
     ) -> None:
-        if settings.polygon_kind not in REGION_KINDS:
-            raise UnknownNameError("kind of region", settings.polygon_kind, REGION_KINDS)
         self.recording, self.settings = recording, settings
         self.camera = recording.cameras[camera]
         self.valid = visible_region(self.camera)

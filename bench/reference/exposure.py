@@ -10,13 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel, RollingShutter, ray_grid
 from bench.egomotion import Trajectory
-from bench.geometry import RigidTransform, advance_twist, twist_between
+from bench.geometry import Floats, RigidTransform, advance_twist, twist_between
 from bench.geometry.raster import Raster
 from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import ReferenceFrame, ReferenceObject
 from bench.times import SECOND_NS
-
-Floats = NDArray[np.float64]
 
 
 def visible_region(camera: MountedCamera) -> NDArray[np.bool_]:
@@ -83,11 +81,10 @@ class Exposure:
     """One image of a camera.
 
     Attributes:
-        recording: name.
+        recording: the drive.
         camera: that took it.
         valid: (H, W) bool, the region V.
         timestamp_ns: when.
-        trajectory: of the ego vehicle.
         vehicle_from_world: pose of the vehicle.
         camera_from_world: pose of the camera.
         position_m: (3,) float64, m, of the camera, world frame.
@@ -95,11 +92,10 @@ class Exposure:
         readout: motion from row to row; None where all rows are exposed at once.
     """
 
-    recording: str
+    recording: Recording
     camera: MountedCamera
     valid: NDArray[np.bool_]
     timestamp_ns: int
-    trajectory: Trajectory
     vehicle_from_world: RigidTransform
     camera_from_world: RigidTransform
     position_m: Floats
@@ -119,11 +115,10 @@ class Exposure:
         world_from_vehicle = trajectory.world_from_vehicle(timestamp_ns)
         world_from_camera = world_from_vehicle @ camera.vehicle_from_camera
         return cls(
-            recording=recording.name,
+            recording=recording,
             camera=camera,
             valid=valid,
             timestamp_ns=timestamp_ns,
-            trajectory=trajectory,
             vehicle_from_world=world_from_vehicle.inverse(),
             camera_from_world=world_from_camera.inverse(),
             position_m=world_from_camera.translation_m,
@@ -164,7 +159,7 @@ class Exposure:
     ) -> ReferenceFrame:
         """The reference of this image; arguments as its attributes, `unknown` None for nowhere."""
         return ReferenceFrame(
-            recording=self.recording,
+            recording=self.recording.name,
             camera=self.camera.name,
             timestamp_ns=self.timestamp_ns,
             ego_speed_mps=float(np.hypot(*self.ego_velocity_mps[:2])),

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-Floats = NDArray[np.float64]
+from bench.geometry import Floats
 
 OFFSETS_M = np.arange(-25, 26) / 50  # where beams may start
 NEAREST_M, FARTHEST_M = 1.0, 1000.0  # nearer returns are the housing's, or none at all; their directions are noise
@@ -280,13 +280,18 @@ def _beside(
 ) -> tuple[NDArray[np.intp], Floats]:
     """To the left and to the right, (2, N), the return of nearest elevation in the next column, else in the one after
     it, and the angles to them."""
-    from bench.reference.loops import find_beside  # loads a compiler, which only these kinds of regions need
-
     keys = np.floor(azimuth / column_step) * ROW_KEY + elevation
     order = np.argsort(keys, kind="stable")
     keys, azimuth, elevation, most_lift = keys[order], azimuth[order], elevation[order], most_lift[order]
     beside, turns = np.full((2, len(order)), -1, dtype=np.intp), np.full((2, len(order)), np.inf)
-    limits = column_step / 4, BRIDGED_STEPS * column_step, ROW_KEY
-    find_beside(keys, azimuth, elevation, most_lift, *limits, beside, turns)
+    for side, sign in enumerate((1, -1)):
+        for columns in (1, 2):
+            position, least = np.searchsorted(keys, keys + sign * columns * ROW_KEY), most_lift.copy()
+            missing = beside[side] < 0
+            for other in (np.maximum(position - 1, 0), np.minimum(position, len(keys) - 1)):
+                turn, lift = (azimuth[other] - azimuth) * sign, np.abs(elevation[other] - elevation)
+                nearer = missing & (column_step / 4 < turn) & (turn <= BRIDGED_STEPS * column_step) & (lift < least)
+                for values, better in ((beside[side], other), (turns[side], turn), (least, lift)):
+                    np.copyto(values, better, where=nearer)
     back = np.argsort(order)
     return np.where(beside >= 0, order[beside], -1).take(back, axis=1), turns.take(back, axis=1)

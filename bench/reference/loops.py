@@ -1,13 +1,12 @@
-"""Loops over patches and returns as machine code; imported on use, since loading the compiler takes a while."""
+"""The loop over patches as machine code; imported on use, since loading the compiler takes a while."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.geometry import Floats
 from bench.machine_code import compiled, inlined
-
-Floats = NDArray[np.float64]
 
 
 @inlined
@@ -17,7 +16,7 @@ def _cell(position_px: float, most: int) -> int:
 
 
 @compiled
-def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[np.int32]) -> None:
+def count_patches(u: Floats, v: Floats, counts: NDArray[np.int32]) -> None:
     """Count the convex patches that hold each pixel's centre.
 
     Every edge adds one to the pixels right of it where it runs down and subtracts one where it runs up, with all
@@ -26,11 +25,10 @@ def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[
     Args:
         u: (4, N) float64, px, of the corners in order, from the window's first pixel.
         v: (4, N), likewise.
-        layer: (N,) intp, of each patch.
-        counts: (layers, rows, columns + 1) int32, zeros, to be filled; the last column is none of the window's.
+        counts: (rows, columns + 1) int32, zeros, to be filled; the last column is none of the window's.
     """
-    layers, rows, columns = counts.shape
-    for k in range(len(layer)):
+    rows, columns = counts.shape
+    for k in range(u.shape[1]):
         area = (u[2, k] - u[0, k]) * (v[3, k] - v[1, k]) - (v[2, k] - v[0, k]) * (u[3, k] - u[1, k])
         if area == 0.0:
             continue
@@ -44,49 +42,7 @@ def count_layers(u: Floats, v: Floats, layer: NDArray[np.intp], counts: NDArray[
             at_zero = start_u - start_v * slope
             sign = 1 if (area > 0.0) == (last > first) else -1
             for row in range(min(first, last), max(first, last)):
-                counts[layer[k], row, _cell(slope * row + at_zero, columns - 1)] += sign
-    for number in range(layers):
-        for row in range(rows):
-            for column in range(1, columns):
-                counts[number, row, column] += counts[number, row, column - 1]
-
-
-@compiled
-def find_beside(
-    keys: Floats,
-    azimuth: Floats,
-    elevation: Floats,
-    most_lift: Floats,
-    least_turn: float,
-    most_turn: float,
-    column_key: float,
-    beside: NDArray[np.intp],
-    turns: Floats,
-) -> None:
-    """Find the return of nearest elevation in the next column, else in the one after it.
-
-    Args:
-        keys: (N,) float64, ascending, the column times `column_key` plus the elevation.
-        azimuth: (N,) float64, rad.
-        elevation: (N,) float64, rad.
-        most_lift: (N,) float64, rad, neighbours differ by less.
-        least_turn: rad, neighbours are further.
-        most_turn: rad, and no further.
-        column_key: between columns.
-        beside: (2, N) intp, -1, to be filled: to the left and to the right.
-        turns: (2, N) float64, rad, infinite, to be filled: angles to them.
-    """
-    last = len(keys) - 1
-    for number, side in enumerate((1, -1)):
-        for columns in (1, 2):
-            position = 0
-            for k in range(last + 1):
-                while position <= last and keys[position] < keys[k] + side * columns * column_key:
-                    position += 1
-                least = most_lift[k]
-                if columns == 2 and beside[number, k] >= 0:
-                    continue
-                for other in (max(position - 1, 0), min(position, last)):
-                    turn, lift = (azimuth[other] - azimuth[k]) * side, abs(elevation[other] - elevation[k])
-                    if least_turn < turn <= most_turn and lift < least:
-                        beside[number, k], turns[number, k], least = other, turn, lift
+                counts[row, _cell(slope * row + at_zero, columns - 1)] += sign
+    for row in range(rows):
+        for column in range(1, columns):
+            counts[row, column] += counts[row, column - 1]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
-from bench.geometry import RigidTransform
+from bench.geometry import Floats, RigidTransform
 from bench.records.recording import (
     Cuboid,
     GroundPolygon,
@@ -23,8 +23,6 @@ from bench.records.recording import (
 from bench.records.reference import Category, Direction
 from bench.records.rules import MotionSettings, ReferenceSettings
 from bench.times import SECOND_NS
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -4,27 +4,21 @@ A hull of points ends at the outermost returns, which lie half a beam spacing in
 bridges whatever gaps its tightness allows. But a beam answers for the solid angle half-way to its neighbours. The union
 of these patches estimates the silhouette without that bias and at the sensor's own resolution: legs stay apart, and a
 wheel stays open where the lidar saw through it.
-
-Patches are drawn all in one pass, in layers, which together give the surface as it most likely is and as it is at
-least and at most. Most patches lie between neighbours on all sides, are part of all of these, and are drawn once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.geometry import Floats
 from bench.geometry.raster import Raster
 from bench.reference.exposure import Exposure
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, Grid
-
-Floats = NDArray[np.float64]
 
 SLIT = np.ones((3, 3), dtype=np.uint8)  # closes what is a pixel wide: finer than a beam
 MARGIN_PX = 4  # beyond the image, so that its border does not cut the outline
@@ -55,10 +49,6 @@ class CutOff(NamedTuple):
         """Of returns without an annotated shape."""
         return cls(grounded_m=np.full(count, -np.inf), bottom_m=0.0, top_m=np.full(count, -np.inf))
 
-    def take(self, rows: NDArray[np.intp]) -> CutOff:
-        """Of some of the returns."""
-        return CutOff(self.grounded_m[rows], self.bottom_m, self.top_m[rows])
-
     def restored(self, corners_world: Floats) -> Floats:
         """Patches, (3, 4, N) float64, m, that reach as far."""
         reached = corners_world.copy()
@@ -66,23 +56,6 @@ class CutOff(NamedTuple):
         np.minimum(lower, self.bottom_m, out=lower, where=lower < self.grounded_m)
         np.maximum(upper, self.top_m, out=upper)
         return reached
-
-
-class Layer(IntEnum):
-    """Patches that are part of the same extents."""
-
-    SHARED = 0  # of all
-    DOUBTFUL = 1  # between neighbours on all sides, not all of which leave no doubt
-    FREE = 2  # with a free end, half-way to where the next beam would be
-    DRAWN_IN = 3  # the same with free ends drawn in by one standard deviation
-    DRAWN_OUT = 4  # and drawn out
-    CERTAIN = 5  # of what is not shared, the part between returns that leave no doubt
-
-
-# The extents of an object's surface, as unions of layers.
-LIKELY = (Layer.SHARED, Layer.DOUBTFUL, Layer.FREE)
-LEAST = (Layer.SHARED, Layer.DOUBTFUL, Layer.DRAWN_IN)
-CERTAIN = (Layer.SHARED, Layer.CERTAIN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -95,7 +68,6 @@ class Patches:
             half-way to where the next beam would be.
         step: (3, 4, N) float64, m, to where the next beam would be.
         corners: (3, 4, N) float64, m, world frame: left above, right above, right below, left below.
-        restored: (N,) bool, to which something is given back.
         grid: neighbours of the returns.
         cut_off: what is given back.
     """
@@ -104,43 +76,31 @@ class Patches:
     reach: Floats
     step: Floats
     corners: Floats
-    restored: NDArray[np.bool_]
     grid: Grid
     cut_off: CutOff
 
-    def layers(self, error_m: Floats, *, solid: bool) -> tuple[Floats, NDArray[np.intp]]:
-        """The patches of all extents.
+    def with_free_ends_moved(self, error_m: Floats) -> tuple[Floats, Floats]:
+        """The corners with free ends drawn in, and drawn out, by one standard deviation.
 
         Args:
             error_m: (N,) float64, as for `end_spread`.
-            solid: leaves no doubt between returns; what is certain is of no interest.
 
         Returns:
-            corners: (3, 4, K) float64, m, as of `corners`, which come first.
-            layer: (K,) intp, `Layer` of each.
+            drawn_in: (3, 4, N) float64, m, as `corners`.
+            drawn_out: likewise.
         """
-        linked = self.grid.linked.all(axis=0)
-        free = np.flatnonzero(~linked)
-        layer = np.where(linked, Layer.SHARED, Layer.FREE)
-        spread = end_spread(self.grid.step_m.take(free, axis=1), error_m[free]).repeat(2, axis=0)
-        change = np.where(self.grid.linked.take(free, axis=1), 0.0, self.step.take(free, axis=2) * spread)
-        points, reach, cut_off = self.points.take(free, axis=1), self.reach.take(free, axis=2), self.cut_off.take(free)
-        drawn_in, drawn_out = (cut_off.restored(_corners(points, reach + sign * change)) for sign in (-1.0, 1.0))
-        moved = (drawn_out != self.corners.take(free, axis=2)).any(axis=(0, 1))
-        parts = {Layer.DRAWN_IN: drawn_in, Layer.DRAWN_OUT: drawn_out.compress(moved, axis=2)}
-        if not solid:
-            doubtful = ~self.grid.certain.all(axis=0) | self.restored
-            layer[linked & doubtful] = Layer.DOUBTFUL
-            parts[Layer.CERTAIN] = self._certain_corners(np.flatnonzero(doubtful))
-        numbers = [np.full(corners.shape[2], number) for number, corners in parts.items()]
-        return np.concatenate([self.corners, *parts.values()], axis=2), np.concatenate([layer, *numbers])
+        spread = end_spread(self.grid.step_m, error_m).repeat(2, axis=0)
+        change = np.where(self.grid.linked, 0.0, self.step * spread)
+        drawn_in, drawn_out = (_corners(self.points, self.reach + sign * change) for sign in (-1.0, 1.0))
+        return self.cut_off.restored(drawn_in), self.cut_off.restored(drawn_out)
 
-    def _certain_corners(self, rows: NDArray[np.intp]) -> Floats:
-        """Only between neighbours that leave no doubt, and not beyond a return without such a neighbour on its other
-        side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given back."""
-        certain = self.grid.certain.take(rows, axis=1)
-        step, reach = self.step.take(rows, axis=2), self.reach.take(rows, axis=2)
-        return _corners(self.points.take(rows, axis=1), np.where(certain, reach, step * 0.5 * certain[OPPOSITE]))
+    @property
+    def certain_corners(self) -> Floats:
+        """(3, 4, N) float64, m, only between neighbours that leave no doubt, and not beyond a return without such a
+        neighbour on its other side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given
+        back."""
+        certain = self.grid.certain
+        return _corners(self.points, np.where(certain, self.reach, self.step * 0.5 * certain[OPPOSITE]))
 
 
 def surface_patches(
@@ -163,12 +123,8 @@ def surface_patches(
     step = np.stack([left, -left, above, -above], axis=1)
     ways = points.take(grid.neighbours, axis=1) - points[:, None]
     reach = np.where(grid.linked, ways, step * 0.5)
-    plain = _corners(points, reach)
-    corners = cut_off.restored(plain)
-    restored = (corners[2] != plain[2]).any(axis=0)
-    return Patches(
-        points=points, reach=reach, step=step, corners=corners, restored=restored, grid=grid, cut_off=cut_off
-    )
+    corners = cut_off.restored(_corners(points, reach))
+    return Patches(points=points, reach=reach, step=step, corners=corners, grid=grid, cut_off=cut_off)
 
 
 def _corners(points: Floats, reach: Floats) -> Floats:
@@ -196,64 +152,46 @@ def end_spread(step_m: Floats, error_m: Floats) -> Floats:
     return np.asarray((np.sqrt(error_m**2 + step_m**2 / 12) - error_m) / step_m)
 
 
-def draw(
-    corners: Floats, exposure: Exposure, layer: NDArray[np.intp] | None = None
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """As `count_patches`, of patches, (3, 4, N) float64, m, world frame, that the lens can see whole.
-
-    Args:
-        corners: of the patches.
-        exposure: of the image.
-        layer: (N,) intp, `Layer` of each; None for a single one.
-    """
-    camera, layers = exposure.camera.model, 1 if layer is None else len(Layer)
-    layer = np.zeros(corners.shape[2], dtype=np.intp) if layer is None else layer
+def draw(corners: Floats, exposure: Exposure) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """As `covered_pixels`, of patches, (3, 4, N) float64, m, world frame, that the lens can see whole."""
+    camera = exposure.camera.model
     patches_px = np.ascontiguousarray(exposure.project(corners.reshape(3, -1).T).T).reshape(2, 4, -1)
     seen = np.isfinite(patches_px[0]).all(axis=0)
     if not seen.all():
-        patches_px, layer = patches_px.compress(seen, axis=2), layer[seen]
-    return count_patches(patches_px, layer, layers=layers, width=camera.width, height=camera.height)
+        patches_px = patches_px.compress(seen, axis=2)
+    return covered_pixels(patches_px, width=camera.width, height=camera.height)
 
 
-def draw_closed(corners: Floats, exposure: Exposure) -> Raster:
-    """The pixels in V of patches, (3, 4, N) float64, m, world frame, without slits."""
-    counts, corner = draw(corners, exposure)
-    return exposure.crop(without_slits(union(counts)), corner - 1)
+def draw_closed(corners: Floats, exposure: Exposure, *, solid: bool = False) -> Raster:
+    """The pixels in V of patches, (3, 4, N) float64, m, world frame, `without_slits`."""
+    covered, corner = draw(corners, exposure)
+    return exposure.crop(without_slits(covered, solid=solid), corner - 1)
 
 
-def count_patches(
-    patches_px: Floats, layer: NDArray[np.intp], *, layers: int, width: int, height: int
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Count the convex patches that hold each pixel's centre, in one pass over all edges.
+def covered_pixels(patches_px: Floats, *, width: int, height: int) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """The pixels whose centre lies in any of many convex patches, in one pass over all edges.
 
     Args:
         patches_px: (2, 4, N) float64, px, u and v of the corners in order, finite.
-        layer: (N,) intp, to which layer each belongs.
-        layers: number of these.
         width: of the image, px.
         height: of the image, px.
 
     Returns:
-        counts: (layers, rows, columns) int32, of a window that may reach a few pixels beyond the image.
+        covered: (rows, columns) bool, of a window that may reach a few pixels beyond the image.
         corner: (2,) int64, (u, v) of the window's first pixel.
     """
-    from bench.reference.loops import count_layers  # loads a compiler, which only these kinds of regions need
+    from bench.reference.loops import count_patches  # loads a compiler, which only these kinds of regions need
 
     if not patches_px.shape[2]:
-        return np.zeros((layers, 0, 0), dtype=np.int32), np.zeros(2, dtype=np.int64)
+        return np.zeros((0, 0), dtype=bool), np.zeros(2, dtype=np.int64)
     beyond = np.array([width, height]) + MARGIN_PX
     low = np.clip(np.floor(patches_px.min(axis=(1, 2))), -MARGIN_PX, beyond).astype(np.int64)
     high = np.clip(np.ceil(patches_px.max(axis=(1, 2))) + 1, -MARGIN_PX, beyond).astype(np.int64)
     columns, rows = (high - low).tolist()
-    counts = np.zeros((layers, rows, columns + 1), dtype=np.int32)
+    counts = np.zeros((rows, columns + 1), dtype=np.int32)
     u, v = np.subtract(patches_px, low[:, None, None], order="C")
-    count_layers(u, v, layer, counts)
-    return counts[..., :columns], low
-
-
-def union(counts: NDArray[np.int32], layers: Sequence[int] = (0,)) -> NDArray[np.bool_]:
-    """(rows, columns) bool, the pixels of some layers, from `count_patches`."""
-    return np.asarray(sum(counts[layer] for layer in layers) != 0)
+    count_patches(u, v, counts)
+    return counts[:, :columns] != 0, low
 
 
 def without_slits(covered: NDArray[np.bool_], *, solid: bool = False) -> NDArray[np.bool_]:

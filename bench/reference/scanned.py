@@ -26,28 +26,15 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from bench.geometry import RigidTransform, cross, dot, normalise
+from bench.geometry import Floats, RigidTransform, cross, dot, normalise
 from bench.geometry.raster import Raster
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
-from bench.reference.patches import (
-    CERTAIN,
-    LEAST,
-    LIKELY,
-    CutOff,
-    Layer,
-    Patches,
-    draw,
-    surface_patches,
-    union,
-    without_slits,
-)
+from bench.reference.patches import CutOff, Patches, draw, draw_closed, surface_patches, without_slits
 from bench.reference.sweeps import Cluster, PosedSweep, parts_at_exposure
 from bench.times import SECOND_NS
-
-Floats = NDArray[np.float64]
 
 SOLID_CLASSES = ("vehicle",)  # seen through their windows at most, which belong to them
 SINE_RMS = 2.0**-0.5  # of a peak speed, over a stride
@@ -233,7 +220,8 @@ class ScannedObject:
         points, half_ns = self.sweep.sweep, self.sweep.revolution_ns // 2
         if points.time_offset_ns is not None:
             return 0.0
-        rotations, positions_m, _ = self.exposure.trajectory.at(points.timestamp_ns + np.array([-half_ns, half_ns]))
+        trajectory, ends_ns = self.exposure.recording.trajectory, points.timestamp_ns + np.array([-half_ns, half_ns])
+        rotations, positions_m, _ = trajectory.at(ends_ns)
         middle_m = self.cluster.points_world.mean(axis=0)
         centres_m = middle_m + velocity_mps * np.array([[-half_ns], [half_ns]]) / SECOND_NS
         first_m, last_m = np.einsum("nji,nj->ni", rotations, centres_m - positions_m)
@@ -241,26 +229,21 @@ class ScannedObject:
 
     @cached_property
     def surface(self) -> Surface:
-        """Pixels of the surface, and for protocols with unknown bands those that it has at least, at most, for certain.
-
-        One pass over all patches, whatever asks for it.
-        """
+        """Pixels of the surface; for protocols with unknown bands also those at least, at most and for certain."""
         if self.grid is None:
             return Surface(likely=np.zeros((0, 0), dtype=bool), corner=np.zeros(2, dtype=np.int64))
+        covered, corner = draw(self.patches.corners, self.exposure)
+        likely = without_slits(covered, solid=self.solid)
         if self.settings.unknown_band is None:
-            counts, corner = draw(self.patches.corners, self.exposure)
-            return Surface(likely=without_slits(union(counts), solid=self.solid), corner=corner - 1)
-        corners, layer = self.patches.layers(self.error_m, solid=self.solid)
-        counts, corner = draw(corners, self.exposure, layer)
-        likely, least, most = (
-            without_slits(union(counts, layers), solid=self.solid) for layers in (LIKELY, LEAST, (Layer.DRAWN_OUT,))
-        )
+            return Surface(likely=likely, corner=corner - 1)
+        drawn_in, drawn_out = self.patches.with_free_ends_moved(self.error_m)
+        moved = (drawn_out != self.patches.corners).any(axis=(0, 1))
         return Surface(
             likely=likely,
             corner=corner - 1,
-            least=self.exposure.crop(least, corner - 1),
-            most=self.exposure.crop(most, corner - 1),
-            certain=None if self.solid else self.exposure.crop(union(counts, CERTAIN), corner),
+            least=draw_closed(drawn_in, self.exposure, solid=self.solid),
+            most=draw_closed(drawn_out.compress(moved, axis=2), self.exposure, solid=self.solid),
+            certain=None if self.solid else self.exposure.crop(*draw(self.patches.certain_corners, self.exposure)),
         )
 
 

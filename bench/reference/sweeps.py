@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.errors import DataError
-from bench.geometry import RigidTransform
+from bench.geometry import Floats, RigidTransform
 from bench.lidar import LidarSweep, deskew, interpolation_timestamps
 from bench.records.recording import Cuboid, GroundPolygon, ObjectShape, PointIndices, Recording
 from bench.reference.grid import Envelope, Grid, find_envelope, find_grid
 from bench.reference.motion import ObjectAtExposure, centre_vehicle
 from bench.reference.silhouette import convex_parts
 from bench.times import SECOND_NS
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +41,7 @@ class PosedSweep:
     positions_m: Floats
     lidar_from_sensor: RigidTransform
     revolution_ns: int
+    _grids: dict[bytes, Grid | None] = field(init=False, repr=False, default_factory=dict)
 
     @cached_property
     def envelope(self) -> Envelope:
@@ -117,10 +116,6 @@ class PosedSweep:
         """Rows of the returns between two azimuths, which count from a middle one, to the left."""
         away = turned(self.azimuths_rad, middle_rad)
         return np.flatnonzero((away >= first_rad) & (away <= last_rad))
-
-    @cached_property
-    def _grids(self) -> dict[bytes, Grid | None]:
-        return {}
 
 
 def turned(azimuths_rad: NDArray[np.floating], middle_rad: float) -> NDArray[np.floating]:

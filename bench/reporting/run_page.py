@@ -28,7 +28,7 @@ from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.execution import Progress
 from bench.harness import ProcessedFrame
 from bench.harness.stored import StoredRun, read_run
-from bench.reference import Status
+from bench.records.reference import Status
 from bench.reporting import figures, formats
 from bench.reporting.document import (
     Block,

@@ -25,7 +25,7 @@ from bench.execution import Progress, TaskExecutor
 from bench.lidar import LidarSweep
 from bench.recordings import DatasetCard, Recording
 from bench.records.recording import PointIndices
-from bench.reference import ReferenceFrame, Status
+from bench.records.reference import ReferenceFrame, Status
 from benchmarks.ranking.agreement import agreement, fit_shares, metric_values, read_terms
 from benchmarks.ranking.predictions import Prediction
 from benchmarks.ranking.sums import EXACT, FITS, IOU, SURFACE, RankingRows, RankingSums, predicted_images

@@ -14,7 +14,8 @@ from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method, build_method
 from bench.methods.settings import parse_settings
 from bench.recordings import Recording
-from bench.reference import ReferenceBuilder, ReferenceFrame
+from bench.records.reference import ReferenceFrame
+from bench.reference import ReferenceBuilder
 from benchmarks.ranking.wrong_masks import WrongMasks
 
 # What `--methods all` stands for: real methods, good and bad, then exact masks that are wrong in known ways.

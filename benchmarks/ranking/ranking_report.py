@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bench.atomic import write_text
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.sums import ALL_MOVING
-from bench.reference import Category
+from bench.records.reference import Category
 from bench.reporting import figures, formats
 from bench.reporting.audit import decimal, sections
 from bench.reporting.document import Code, Column, Heading, Paragraph, Picture, Table, to_markdown

@@ -19,7 +19,9 @@ from bench.evaluation.rows import Row
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, name_bins, sum_metrics
 from bench.harness.frames import UnscorableFrame
 from bench.recordings import Recording, read_truth
-from bench.reference import Category, ReferenceBuilder, ReferenceFrame, ReferenceObject, ReferenceSettings, Status
+from bench.records.reference import Category, ReferenceFrame, ReferenceObject, Status
+from bench.records.rules import ReferenceSettings
+from bench.reference import ReferenceBuilder
 from benchmarks.ranking.predictions import CameraPredictions, Prediction
 
 FALSE_POSITIVES = "false_positives"

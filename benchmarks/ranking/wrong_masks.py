@@ -15,7 +15,7 @@ from bench.errors import UsageError
 from bench.harness.exact import moving_instances
 from bench.methods import Scorable, Segmentation
 from bench.recordings import Recording, read_truth
-from bench.reference import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 
 Shape = Literal["exact", "hull", "box", "upper_half", "feet"]
 

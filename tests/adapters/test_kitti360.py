@@ -11,7 +11,8 @@ from bench.adapters.kitti_files import read_clock
 from bench.errors import DataError
 from bench.evaluation import load_protocol
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, load_card, open_dataset
-from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from bench.records.reference import IgnoreReason, Status
+from bench.reference import ReferenceBuilder
 from tests.support import data_sets
 from tests.support import tiny_kitti360 as tiny
 from tests.support.real import REAL, needs_real

@@ -10,7 +10,8 @@ from bench.evaluation import load_protocol
 from bench.harness.tasks import cut_tasks
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
-from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from bench.records.reference import IgnoreReason, Status
+from bench.reference import ReferenceBuilder
 from tests.support import tiny_woodscape as tiny
 from tests.support.planting import change_json
 from tests.support.real import REAL, needs_real

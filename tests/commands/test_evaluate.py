@@ -13,7 +13,7 @@ import bench
 from bench.harness import read_run, read_tables
 from bench.methods import Segmentation, build_method
 from bench.recordings import load_card, open_dataset
-from bench.reference import ReferenceFrame
+from bench.records.reference import ReferenceFrame
 from bench.reporting.run_tables import odd_masks
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call

@@ -15,7 +15,8 @@ from bench.audit.polygons import Compensation, lenient, region_fit, with_compens
 from bench.audit.sources import same_objects
 from bench.evaluation import count_frame, load_protocol
 from bench.recordings import load_card, open_dataset
-from bench.reference import IgnoreReason, ReferenceBuilder, Status
+from bench.records.reference import IgnoreReason, Status
+from bench.reference import ReferenceBuilder
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 
 

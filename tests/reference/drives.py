@@ -22,18 +22,17 @@ from bench.recordings import (
     SweepRef,
     Track,
 )
-from bench.records.reference import OBJECT_CLASSES, pixels_object
-from bench.records.rules import Limb
-from bench.reference import (
+from bench.records.reference import (
+    OBJECT_CLASSES,
     Category,
     IgnoreReason,
-    OutlineErrors,
-    ReferenceBuilder,
     ReferenceFrame,
     ReferenceObject,
-    ReferenceSettings,
     Status,
+    pixels_object,
 )
+from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
+from bench.reference import ReferenceBuilder
 from bench.reference.regions import Region
 
 MS = 1_000_000

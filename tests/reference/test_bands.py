@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bench.geometry.raster import Raster
-from bench.records.rules import Limb
-from bench.reference import IgnoreReason, OutlineErrors, Status
+from bench.records.reference import IgnoreReason, Status
+from bench.records.rules import Limb, OutlineErrors
 from bench.reference.bands import beyond_beam, pixels_per_radian, uncertain_region
 from bench.reference.grid import Beam
 from bench.reference.regions import Region, compose

@@ -13,7 +13,8 @@ import shapely
 from bench.errors import DataError, UsageError
 from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated, ImageRef, ObjectState, PointIndices, Track
 from bench.records.recording import ALWAYS_NS
-from bench.reference import Category, Direction, IgnoreReason, ReferenceBuilder, ReferenceFrame, Status, build
+from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, Status
+from bench.reference import ReferenceBuilder, build
 from bench.reference.bands import with_band
 from bench.reference.motion import AnnotationIndex
 from bench.reference.silhouette import TALLEST_M, left_out_pixels

@@ -9,7 +9,7 @@ import shapely
 from shapely.affinity import scale
 
 from bench.reference.grid import find_grid
-from bench.reference.patches import LEAST, LIKELY, CutOff, Layer, end_spread, surface_patches
+from bench.reference.patches import CutOff, end_spread, surface_patches
 
 SENSORS = {  # steps between columns and rows, degrees
     "hdl-64e": (0.1728, 0.42),
@@ -47,7 +47,6 @@ def iou(one, other):
 
 
 ELLIPSE = scale(shapely.Point(0.2, -0.4).buffer(1.0, quad_segs=32), 0.45, 0.9)
-MOST = (Layer.DRAWN_OUT,)
 LEGS = shapely.box(-0.5, -1.0, -0.15, 0.6).union(shapely.box(0.15, -1.0, 0.5, 0.6))
 
 
@@ -127,8 +126,9 @@ def test_returns_that_do_not_lie_beside_each_other_have_no_grid(points):
 def test_ends_move_by_the_spacing_of_the_beams_along_rows_and_columns():
     """A wall under a lidar with wide rows: its ends differ by direction, and neighbours hold what lies between."""
     points = scan(shapely.box(-0.5, -0.5, 0.5, 0.5), steps_deg=SENSORS["32 rows"])
-    corners, layer = patches_of(points).layers(np.zeros(len(points)), solid=True)
-    half, least, most = (corners[1:, :, np.isin(layer, extent)].min(axis=(1, 2)) for extent in (LIKELY, LEAST, MOST))
+    patches = patches_of(points)
+    extents = patches.corners, *patches.with_free_ends_moved(np.zeros(len(points)))
+    half, least, most = (corners[1:].min(axis=(1, 2)) for corners in extents)
     moved_m = 6.0 * np.radians([0.2, 1.33]) / 12**0.5
     assert least - half == pytest.approx(moved_m, rel=0.02)
     assert half - most == pytest.approx(moved_m, rel=0.02)

@@ -9,7 +9,8 @@ import shapely
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import GroundPolygon, PointIndices
-from bench.reference import ReferenceBuilder, Status
+from bench.records.reference import Status
+from bench.reference import ReferenceBuilder
 from tests.reference.drives import (
     ERRORS,
     LIDAR,

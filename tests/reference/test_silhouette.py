@@ -9,7 +9,7 @@ import shapely
 from bench.cameras import PinholeCamera, ray_grid
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, GroundPolygon, PointIndices
-from bench.reference import IgnoreReason, Status
+from bench.records.reference import IgnoreReason, Status
 from bench.reference.silhouette import convex_parts, silhouette
 from tests.reference.drives import LENS, MOUNT, MS, Box, circle, drive, reference_of, with_settings, with_state
 from tests.support.lenses import LENSES
