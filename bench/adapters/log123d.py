@@ -20,13 +20,13 @@ What is translated here, once:
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
@@ -420,17 +420,15 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
         for name, width in (("bounding_box_se3", BOX_WIDTH), ("velocity_3d", VELOCITY_WIDTH))
     )
     at_row = np.repeat(np.arange(len(stored)), np.array([len(row) for row in stored], dtype=np.int64))
-    at_ns = times_ns[at_row]
-    velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
-    rows: dict[str, list[int]] = defaultdict(list)
-    for row, (token, label) in enumerate(zip(tokens, labels, strict=True)):
-        if label in classes:
-            own = rows[token]
-            if not own or at_row[own[-1]] != at_row[row]:
-                own.append(row)
+    listed = pd.DataFrame({"token": pd.Series(tokens, dtype=str), "label": labels, "row": at_row})
+    rows_of_token = listed.groupby("token")["row"]
+    has_neighbour = (rows_of_token.diff() == 1) | (rows_of_token.diff(-1) == -1)
+    velocities[~has_neighbour.to_numpy() & ~velocities.any(axis=1)] = np.nan
+    evaluated = listed[listed["label"].isin(classes)].drop_duplicates(["token", "row"])
     tracks = []
-    for token, taken in sorted(rows.items()):
-        placed, placed_ns = boxes[taken], at_ns[taken]
+    for name, boxes_of_token in evaluated.groupby("token"):
+        token, taken = str(name), boxes_of_token.index.to_numpy()
+        placed, placed_ns = boxes[taken], times_ns[at_row[taken]]
         if (np.diff(placed_ns) <= 0).any() or not np.isfinite(placed).all() or not (placed[:, 7:] > 0).all():
             expected = "finite boxes of positive size, one at a time"
             raise DataError(table.path, field=f"track {token[:60]}", expected=expected, got="another")
@@ -446,17 +444,6 @@ def _of_each(table: LogTable, name: str, tokens: list[str]) -> list[Any]:
         got = str(len(values))
         raise DataError(table.path, field=name, expected=f"one for each of {len(tokens)} boxes", got=got)
     return values
-
-
-def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) bool, whether the row before or after has the same track."""
-    tracks = np.unique(tokens, return_inverse=True)[1]
-    order = np.lexsort((at_row, tracks))
-    joined = (np.diff(tracks[order]) == 0) & (np.diff(at_row[order]) == 1)
-    beside = np.zeros(len(tokens), dtype=bool)
-    beside[order[1:]] |= joined
-    beside[order[:-1]] |= joined
-    return beside
 
 
 def _states(
