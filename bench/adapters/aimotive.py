@@ -52,9 +52,9 @@ from bench.recordings.validation import (
     SidePx,
     TimeNs,
     located,
+    number_from_text,
     read_json,
     validated,
-    whole_from_text,
 )
 from bench.records.recording import (
     COMPLETELY,
@@ -342,7 +342,7 @@ class Box(ForeignModel):
 class BoxFile(FileModel):
     """The boxes of one frame."""
 
-    timestamp_ns: Annotated[TimeNs, BeforeValidator(whole_from_text)] = Field(alias="Timestamp")
+    timestamp_ns: Annotated[TimeNs, BeforeValidator(number_from_text)] = Field(alias="Timestamp")
     boxes: tuple[Box, ...] = Field(alias="CapturedObjects")
 
 

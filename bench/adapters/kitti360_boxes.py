@@ -62,7 +62,6 @@ BY_NAME = {label.name: label for label in LABELS} | {"pedestrian": LABELS[0], "u
 GLOBAL_ID_STEP = 1000  # global id = number * 1000 + instance
 
 LARGEST_OBJECT_BYTES = 32_000_000  # of XML without the end of a child of the root
-LARGEST_MATRIX = 1_000_000  # numbers
 DEEPEST = 50
 STATIONARY = -1
 STATIC_RANGE_M = 25.0  # stationary objects are annotated while they are this near, since they hide what moves
@@ -180,7 +179,7 @@ def _matrix(element: Element, name: str, file: Path) -> NDArray[np.float64]:
     if node is None:
         raise DataError(file, field=field, expected="a matrix", got="none")
     rows, columns = _integer(node, "rows", file) or 0, _integer(node, "cols", file) or 0
-    if rows < 1 or columns < 1 or rows * columns > LARGEST_MATRIX:
+    if rows < 1 or columns < 1:
         raise DataError(file, field=field, expected="rows and cols", got=f"{rows} and {columns}")
     words = (node.findtext("data") or "").split()
     return np.array(numbers(words, rows * columns, file=file, field=f"{field}.data")).reshape(rows, columns)

@@ -1,7 +1,7 @@
 """Logs of 123D (Dauner et al.): one Arrow format for nuScenes, Waymo, Argoverse, KITTI-360, PandaSet, nuPlan and more.
 
 ```
-<logs>/<split>/<log>/
+<root>/<split>/<log>/
   sync.arrow                     of which data set the log is
   ego_state_se3.arrow            poses of the inertial sensor in the world
   camera.<name>.arrow            calibration in its head; times and images
@@ -68,7 +68,6 @@ class LogOptions(FisheyeOptions[str]):
     """The card's `options`.
 
     Attributes:
-        logs: folder of the logs, `<split>/<log>/*.arrow`, relative to the data set's root.
         log_splits: which folders of splits are read, such as `av2-sensor_val`; null for all that are there.
         cameras: those to evaluate, as their tables are called without `camera.`, such as `fmcam_l`; null for all.
         lidar: whose points are used, such as `lidar_top`; null for the one or the merged lidar that a log has.
@@ -78,7 +77,6 @@ class LogOptions(FisheyeOptions[str]):
         ground_height_m: height of the road at the rear axle's; null for half of the vehicle's height below its centre.
     """
 
-    logs: str = "."
     log_splits: tuple[SplitName, ...] | None = None
     cameras: tuple[str, ...] | None = None
     lidar: str | None = None
@@ -90,21 +88,18 @@ class LogOptions(FisheyeOptions[str]):
 def log123d_recordings(
     root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
 ) -> tuple[RecordingHandle, ...]:
-    """The adapter `123d`: each `<logs>/<split>/<log>` is a recording.
+    """The adapter `123d`: each `<split>/<log>` is a recording.
 
     Raises:
         DataError: options that are wrong, or no logs.
     """
     chosen = validated(LogOptions, options, file=card, field="options")
     splits = ("*",) if chosen.log_splits is None else chosen.log_splits
-    folders = sorted(sync.parent for split in splits for sync in (root / chosen.logs).glob(f"{split}/*/{SYNC}"))
+    folders = sorted(sync.parent for split in splits for sync in root.glob(f"{split}/*/{SYNC}"))
     if not folders:
         expected = f"logs of 123D, {' or '.join(splits)}/<log>/{SYNC}"
-        hint = (
-            "convert the data set by py123d, or set the card's options logs and log_splits to where its logs are; "
-            "py123d writes them into the folder logs"
-        )
-        raise DataError(root / chosen.logs, expected=expected, got="none", hint=hint)
+        hint = "convert the data set by py123d, or set the card's root and its option log_splits to where its logs are"
+        raise DataError(root, expected=expected, got="none", hint=hint)
     return handles_of(folders, partial(open_log, root, options=chosen), annotations)
 
 

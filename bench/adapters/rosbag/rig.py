@@ -69,7 +69,6 @@ class CameraRig(MountedRig):
         time_offset_ns: added to the stamp to get the middle of the exposure.
         white_level: value of 16-bit images that is white; fixed, since flow compares images.
         body_polygons: outlines of the ego vehicle's own body, (u, v) in stored pixels.
-        ego_body_mask: image, relative to the data set's root, that is not 0 where the camera sees its own vehicle.
         rolling_shutter: null where all rows are exposed at once.
     """
 
@@ -79,7 +78,6 @@ class CameraRig(MountedRig):
     time_offset_ns: OffsetNs = 0
     white_level: WhiteLevel = MOST_WHITE
     body_polygons: tuple[Polygon, ...] = ()
-    ego_body_mask: str | None = None
     rolling_shutter: RollingShutterHead | None = None
 
 
