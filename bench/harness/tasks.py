@@ -33,15 +33,8 @@ from bench.harness.manifest import CodeOfRun, Manifest, differences, method_dige
 from bench.harness.references import StoredReference, find_references, message_without_root, reference_of
 from bench.harness.stages import largest_resident_mb
 from bench.methods import Scorable
-from bench.recordings import (
-    NO_INPUT_ERRORS,
-    DatasetCard,
-    ImageRef,
-    InputErrors,
-    Recording,
-    RecordingHandle,
-    open_dataset,
-)
+from bench.recordings import DatasetCard, ImageRef, Recording, RecordingHandle, open_dataset
+from bench.records.recording import NO_INPUT_ERRORS, InputErrors
 
 TASK_IMAGES = 100  # bounds what is held before it is written; many times the lag of the chance level
 

@@ -10,7 +10,8 @@ from bench.adapters.kitti360_boxes import read_boxes
 from bench.adapters.kitti_files import read_clock
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.recordings import COMPLETELY, NOT_ANNOTATED, load_card, open_dataset
+from bench.recordings import load_card, open_dataset
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED
 from bench.reference import IgnoreReason, ReferenceBuilder, Status
 from tests.support import data_sets
 from tests.support import tiny_kitti360 as tiny

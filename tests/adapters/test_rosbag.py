@@ -16,8 +16,9 @@ from bench.cameras import RollingShutter, camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.harness.digests import digest_file
-from bench.recordings import COMPLETELY, NOT_ANNOTATED, load_card, read_image
+from bench.recordings import load_card, read_image
 from bench.recordings.validation import validated
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED
 from tests.support import data_sets, tiny
 from tests.support import tiny_rosbag as bags
 

@@ -14,7 +14,6 @@ from bench.commands.schemas import json_schema
 from bench.errors import DataError, UsageError
 from bench.geometry import RigidTransform
 from bench.recordings import (
-    MOTION_KINDS,
     Cuboid,
     GroundPolygon,
     ObjectState,
@@ -23,6 +22,7 @@ from bench.recordings import (
     read_annotations,
     write_annotations,
 )
+from bench.records.recording import MOTION_KINDS
 from bench.records.reference import Category
 from tests.support import tiny
 

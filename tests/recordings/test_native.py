@@ -13,8 +13,9 @@ import pytest
 from bench.cameras import RollingShutter
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
-from bench.recordings import RecordingWriter, frame_gaps, open_native, read_image, read_truth
+from bench.recordings import RecordingWriter, open_native, read_image, read_truth
 from bench.recordings.images import as_seen
+from bench.records.recording import frame_gaps
 from tests.support import tiny
 from tests.support.lenses import LENSES
 from tests.support.planting import change_head
