@@ -26,7 +26,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from os import scandir
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -106,8 +105,7 @@ def woodscape_recordings(
     names: set[str] = set()
     for folder in present:
         refuse_escape(linked_folder(root, folder, levels=chosen.follow_links), folder, file=folder)
-        with scandir(folder) as entries:
-            matches = [IMAGE.fullmatch(entry.name) for entry in entries]
+        matches = [IMAGE.fullmatch(path.name) for path in folder.iterdir()]
         names |= {f"{m[1]}_{m[2]}" for m in matches if m is not None and m[2] in chosen.cameras}
     return tuple(
         RecordingHandle(name=name, opener=partial(open_woodscape, root, name, chosen)) for name in sorted(names)

@@ -43,7 +43,6 @@ from bench.records.reference import ObjectClass
 from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
-VERSION = "1.0.0"
 NOT_REVIEWED = "annotations: proposed, not reviewed"  # comment of a file of unreviewed proposals
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 
@@ -359,7 +358,7 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
     comment = {} if all(track.reviewed for track in tracks) else {"comment": NOT_REVIEWED}
     return {
         "openlabel": {
-            "metadata": {"schema_version": VERSION, **comment},
+            "metadata": {"schema_version": "1.0.0", **comment},
             "coordinate_systems": {COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": []}},
             "objects": {track.track_id: _object(track) for track in tracks},
             "frames": {str(i): frames[time_ns] for i, time_ns in enumerate(times_ns)},

@@ -289,8 +289,9 @@ def test_rigs_that_cannot_be(tmp_path, change, told):
 
 def test_each_recording_may_have_a_rig_and_one_elsewhere_or_with_tags_is_refused(tmp_path):
     root = bags.data_set(tmp_path, bags.drive())
-    bags.write_rig(root / "drive", rig_with(frame_interval_ns=50_000_000))
-    assert opened(root, rig="{recording}/rig.yaml").frame_interval_ns == 50_000_000
+    bags.write_rig(root / "drive", rig_with(front={"time_offset_ns": 5_000_000}))
+    (first, *_) = opened(root, rig="{recording}/rig.yaml").images["front"]
+    assert first.timestamp_ns == tiny.TIMES_NS[0] + 5_000_000
     with pytest.raises(DataError, match=r"options\.rig: expected a relative path without '\.\.', got '\.\./rig\.yaml'"):
         opened(root, rig="../rig.yaml")
     (root / "rig.yaml").write_text("vehicle: !!python/object/apply:os.getcwd []\n")

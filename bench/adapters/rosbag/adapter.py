@@ -114,7 +114,7 @@ def open_rosbag(
     recording = Recording(
         name=name,
         root=root,
-        frame_interval_ns=rig.frame_interval_ns or median_interval_ns(images, file=bag.path),
+        frame_interval_ns=median_interval_ns(images, file=bag.path),
         cameras={camera: opening.camera(camera, entry) for camera, entry in rig.cameras.items()},
         images=images,
         trajectory=opening.trajectory(),

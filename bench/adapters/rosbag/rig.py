@@ -192,14 +192,12 @@ class Rig(FileModel):
     """The rig file.
 
     Attributes:
-        frame_interval_ns: nominal time between images; null for the median of what the bag has.
         vehicle: the ego vehicle.
         cameras: by name.
         lidar: null without one, then nothing can be scored.
         ego_motion: of the ego vehicle.
     """
 
-    frame_interval_ns: int | None = Field(default=None, gt=0)
     vehicle: VehicleRig
     cameras: dict[Name, CameraRig] = Field(min_length=1)
     lidar: LidarRig | None = None
