@@ -4,7 +4,6 @@ import subprocess
 import sys
 import warnings
 
-import numpy as np
 import pytest
 
 from bench.errors import DataError
@@ -12,7 +11,6 @@ from bench.lidar import read_sweep
 from bench.plain_yaml import parse_yaml
 from bench.recordings import load_card
 from tests.hostile import files
-from tests.support.clouds import laz, pcd
 
 pytestmark = pytest.mark.slow
 
@@ -76,22 +74,6 @@ def test_no_sweep_of_lies_takes_the_memory_that_it_speaks_of(tmp_path):
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.split() == sorted(path.name for path in tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("suffix", files.CLOUDS)
-def test_the_whole_ones_are_read(tmp_path, suffix):
-    """What the spoiled ones are made of; or the table would prove nothing."""
-    whole = {
-        ".npz": files.NPZ,
-        ".laz": files.LAZ,
-        ".bin": files.ROWS.tobytes(),
-        ".pcd": pcd(500, body=files.POINTS.tobytes()),
-    }
-    path = tmp_path / f"1000{suffix}"
-    path.write_bytes(whole[suffix])
-    if suffix == ".laz":
-        path.write_bytes(laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
-    assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
 
 
 @pytest.mark.parametrize("what", files.YAML_FILES)
