@@ -1,6 +1,7 @@
 """Files that were made to break a reader, small on disk."""
 
 import io
+import os
 import struct
 import zipfile
 import zlib
@@ -34,6 +35,11 @@ def jpeg_of_another_size(content: bytes, width: int, height: int) -> bytes:
     return content[: place + 5] + struct.pack(">HH", height, width) + content[place + 9 :]
 
 
+NO_FILES = {  # what may stand in the place of a file
+    "pipe": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "folder": lambda path: path.mkdir(),
+}
 WHOLE = "expected a whole PNG or JPEG file, got "
 BLACK = png(64, 48, rows=bytes(65 * 48))
 IMAGES = {  # content and what is told

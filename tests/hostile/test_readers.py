@@ -8,9 +8,11 @@ import pytest
 
 from bench.errors import DataError
 from bench.lidar import read_sweep
+from bench.lidar.files import FORMATS
 from bench.plain_yaml import parse_yaml
 from bench.recordings import load_card
 from tests.hostile import files
+from tests.support.limits import at_most
 
 pytestmark = pytest.mark.slow
 
@@ -51,11 +53,20 @@ def test_point_clouds(tmp_path, capfd, suffix, what):
     assert "".join(capfd.readouterr()) == ""
 
 
+@pytest.mark.parametrize("what", files.NO_FILES)
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_nothing_waits_for_a_cloud_that_is_no_file(tmp_path, suffix, what):
+    files.NO_FILES[what](tmp_path / f"1000{suffix}")
+    with at_most(60), pytest.raises(DataError, match=r"1000\.\w+: expected a point-cloud file, got no such file"):
+        read_sweep(tmp_path / f"1000{suffix}", 1000)
+
+
 READ_UNDER_A_LIMIT = """
 import resource, sys
 from pathlib import Path
 from bench.errors import DataError
 from bench.lidar import read_sweep
+from bench.lidar.files import FORMATS
 resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
 for path in sorted(Path(sys.argv[1]).iterdir()):
     try:
