@@ -52,9 +52,9 @@ from bench.recordings.validation import (
     SidePx,
     TimeNs,
     located,
+    number_from_text,
     read_json,
     validated,
-    whole_from_text,
 )
 from bench.records.recording import (
     COMPLETELY,
@@ -68,7 +68,6 @@ from bench.records.recording import (
 
 CALIBRATION, EGO_MOTION = "sensor/calibration/calibration.json", "sensor/gnssins/egomotion.json"
 BOXES, SWEEPS = "dynamic/box/3d_body", "dynamic/raw-revolutions"
-POSE = "RT_ECEF_body"
 FRAME_INTERVAL_NS = 66_666_667
 AXES_M = np.array([6_378_137.0, 6_378_137.0, 6_356_752.3142])  # of the WGS 84 ellipsoid
 CLASSES = {
@@ -180,13 +179,16 @@ class Entries(RootModel[dict[str, Any]]):
     """Calibrations by sensor, or poses by frame number; entries that are not used may be any."""
 
 
+Matrix = Annotated[tuple[tuple[float, float, float, float], ...], Field(min_length=4, max_length=4)]
+
+
 # Calibration
 
 
 class SensorCalibration(ForeignModel):
     """The key of any sensor's calibration that is used; the file has many more."""
 
-    RT_body_from_sensor: tuple[tuple[float, float, float, float], ...] = Field(min_length=4, max_length=4)
+    RT_body_from_sensor: Matrix
 
 
 class CameraCalibration(SensorCalibration):
@@ -281,7 +283,7 @@ def _own_trajectory(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tr
     content = read_json(Entries, file).root
     keys = {int(key): key for key in content if key.isascii() and key.isdigit() and len(key) < 10}
     frames = sorted(keys.keys() & times_ns.keys())
-    poses = [_pose(content[keys[frame]], f"{keys[frame]}.{POSE}", file) for frame in frames]
+    poses = [_earth_from_body(content[keys[frame]], keys[frame], file) for frame in frames]
     if len(poses) < 2:
         expected = f"poses of two frames at least, of those from {min(times_ns)} to {max(times_ns)}"
         raise DataError(file, expected=expected, got=str(len(poses)))
@@ -297,12 +299,16 @@ def _own_trajectory(root: Path, folder: Path, times_ns: Mapping[int, int]) -> Tr
     )
 
 
-def _pose(entry: Any, field: str, file: Path) -> RigidTransform:
-    try:
-        with located(file, field):
-            return RigidTransform.from_matrix(np.array(entry[POSE], dtype=np.float64))
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(file, field=field, expected="a 4 x 4 matrix", got=f"none ({type(error).__name__})") from None
+class FramePose(ForeignModel):
+    """The key of a frame in `egomotion.json` that is used."""
+
+    RT_ECEF_body: Matrix
+
+
+def _earth_from_body(entry: Any, key: str, file: Path) -> RigidTransform:
+    pose = validated(FramePose, entry, file=file, field=key)
+    with located(file, f"{key}.RT_ECEF_body"):
+        return RigidTransform.from_matrix(pose.RT_ECEF_body)
 
 
 def _upright(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -342,7 +348,7 @@ class Box(ForeignModel):
 class BoxFile(FileModel):
     """The boxes of one frame."""
 
-    timestamp_ns: Annotated[TimeNs, BeforeValidator(whole_from_text)] = Field(alias="Timestamp")
+    timestamp_ns: Annotated[TimeNs, BeforeValidator(number_from_text)] = Field(alias="Timestamp")
     boxes: tuple[Box, ...] = Field(alias="CapturedObjects")
 
 

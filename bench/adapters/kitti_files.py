@@ -191,8 +191,6 @@ def read_drive(file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform) 
     """
     times_ns, poses = list[int](), list[RigidTransform]()
     for row, line in enumerate(read_text(file).rstrip().splitlines(), start=1):
-        if not line.strip():
-            continue
         number, *matrix = numbers(line.split(), 13, file=file, field=f"line {row}")
         times_ns.append(clock.at(number, file=file))
         with located(file, f"row {row}"):

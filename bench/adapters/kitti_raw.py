@@ -142,7 +142,8 @@ def open_kitti_raw(root: Path, folder: Path, options: KittiRawOptions, *, annota
     if annotations is not None:
         tracks: tuple[Track, ...] = read_annotations(annotations)
     else:
-        times_ns = {frame: time_ns for frame, (time_ns, _) in scans.items()}
+        _, _, driven = trajectory.at(np.array([time_ns for time_ns, _ in scans.values()], dtype=np.int64))
+        times_ns = {frame: time_ns for (frame, (time_ns, _)), here in zip(scans.items(), driven, strict=True) if here}
         tracks = _tracks(tracklets, times_ns, vehicle_from_lidar, trajectory) if tracklets.is_file() else ()
     return Recording(
         name=folder.name,
@@ -357,11 +358,11 @@ def upright_box(pose: TrackletPose, height_m: float, file: Path, field: str) -> 
 def _tracks(
     file: Path, times_ns: Mapping[int, int], vehicle_from_lidar: RigidTransform, trajectory: Trajectory
 ) -> tuple[Track, ...]:
-    """Tracks from tracklets; frames without a scan and poses without ego-motion are left out.
+    """Tracks from tracklets; poses of other frames are left out.
 
     Args:
         file: of the tracklets.
-        times_ns: of the scans, by frame.
+        times_ns: of the scans at which there is ego-motion, by frame.
         vehicle_from_lidar: mounting of the scanner, in whose frame tracklets are.
         trajectory: of the vehicle.
     """
@@ -388,15 +389,12 @@ def _states(
     at_ns: NDArray[np.int64], boxes: list[RigidTransform], size_m: tuple[float, ...], trajectory: Trajectory
 ) -> tuple[ObjectState, ...]:
     """States of boxes of one size, which move as their places in the world do."""
-    rotations, positions_m, valid = trajectory.at(at_ns)
+    rotations, positions_m, _ = trajectory.at(at_ns)
     centres = np.array([box.translation_m for box in boxes]).reshape(-1, 3)
     turned = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
-    velocities: NDArray[np.float64] = np.full((len(boxes), 3), np.nan)
-    yaw_rates_radps = np.zeros(len(boxes))
-    places = np.einsum("nij,nj->ni", rotations, centres) + positions_m
-    velocities[valid] = world_velocities(at_ns[valid], places[valid])
-    yaw_rates_radps[valid] = world_yaw_rates(at_ns[valid], (rotations @ turned)[valid])
+    velocities = world_velocities(at_ns, np.einsum("nij,nj->ni", rotations, centres) + positions_m)
+    yaw_rates_radps = world_yaw_rates(at_ns, rotations @ turned)
     return tuple(
         box_state(at_ns[i], boxes[i], size_m, rotations[i].T @ velocities[i], yaw_rates_radps[i])
-        for i in np.flatnonzero(valid)
+        for i in range(len(boxes))
     )

@@ -1,7 +1,7 @@
 """Logs of 123D (Dauner et al.): one Arrow format for nuScenes, Waymo, Argoverse, KITTI-360, PandaSet, nuPlan and more.
 
 ```
-<logs>/<split>/<log>/
+<root>/<split>/<log>/
   sync.arrow                     of which data set the log is
   ego_state_se3.arrow            poses of the inertial sensor in the world
   camera.<name>.arrow            calibration in its head; times and images
@@ -20,13 +20,13 @@ What is translated here, once:
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
@@ -68,7 +68,6 @@ class LogOptions(FisheyeOptions[str]):
     """The card's `options`.
 
     Attributes:
-        logs: folder of the logs, `<split>/<log>/*.arrow`, relative to the data set's root.
         log_splits: which folders of splits are read, such as `av2-sensor_val`; null for all that are there.
         cameras: those to evaluate, as their tables are called without `camera.`, such as `fmcam_l`; null for all.
         lidar: whose points are used, such as `lidar_top`; null for the one or the merged lidar that a log has.
@@ -78,7 +77,6 @@ class LogOptions(FisheyeOptions[str]):
         ground_height_m: height of the road at the rear axle's; null for half of the vehicle's height below its centre.
     """
 
-    logs: str = "."
     log_splits: tuple[SplitName, ...] | None = None
     cameras: tuple[str, ...] | None = None
     lidar: str | None = None
@@ -90,21 +88,18 @@ class LogOptions(FisheyeOptions[str]):
 def log123d_recordings(
     root: Path, *, options: Mapping[str, Any], card: Path, annotations: Path | None
 ) -> tuple[RecordingHandle, ...]:
-    """The adapter `123d`: each `<logs>/<split>/<log>` is a recording.
+    """The adapter `123d`: each `<split>/<log>` is a recording.
 
     Raises:
         DataError: options that are wrong, or no logs.
     """
     chosen = validated(LogOptions, options, file=card, field="options")
     splits = ("*",) if chosen.log_splits is None else chosen.log_splits
-    folders = sorted(sync.parent for split in splits for sync in (root / chosen.logs).glob(f"{split}/*/{SYNC}"))
+    folders = sorted(sync.parent for split in splits for sync in root.glob(f"{split}/*/{SYNC}"))
     if not folders:
         expected = f"logs of 123D, {' or '.join(splits)}/<log>/{SYNC}"
-        hint = (
-            "convert the data set by py123d, or set the card's options logs and log_splits to where its logs are; "
-            "py123d writes them into the folder logs"
-        )
-        raise DataError(root / chosen.logs, expected=expected, got="none", hint=hint)
+        hint = "convert the data set by py123d, or set the card's root and its option log_splits to where its logs are"
+        raise DataError(root, expected=expected, got="none", hint=hint)
     return handles_of(folders, partial(open_log, root, options=chosen), annotations)
 
 
@@ -420,17 +415,15 @@ def _read_tracks(table: LogTable, trajectory: Trajectory) -> tuple[Track, ...]:
         for name, width in (("bounding_box_se3", BOX_WIDTH), ("velocity_3d", VELOCITY_WIDTH))
     )
     at_row = np.repeat(np.arange(len(stored)), np.array([len(row) for row in stored], dtype=np.int64))
-    at_ns = times_ns[at_row]
-    velocities[~_has_neighbour(tokens, at_row) & ~velocities.any(axis=1)] = np.nan
-    rows: dict[str, list[int]] = defaultdict(list)
-    for row, (token, label) in enumerate(zip(tokens, labels, strict=True)):
-        if label in classes:
-            own = rows[token]
-            if not own or at_row[own[-1]] != at_row[row]:
-                own.append(row)
+    listed = pd.DataFrame({"token": pd.Series(tokens, dtype=str), "label": labels, "row": at_row})
+    rows_of_token = listed.groupby("token")["row"]
+    has_neighbour = (rows_of_token.diff() == 1) | (rows_of_token.diff(-1) == -1)
+    velocities[~has_neighbour.to_numpy() & ~velocities.any(axis=1)] = np.nan
+    evaluated = listed[listed["label"].isin(classes)].drop_duplicates(["token", "row"])
     tracks = []
-    for token, taken in sorted(rows.items()):
-        placed, placed_ns = boxes[taken], at_ns[taken]
+    for name, boxes_of_token in evaluated.groupby("token"):
+        token, taken = str(name), boxes_of_token.index.to_numpy()
+        placed, placed_ns = boxes[taken], times_ns[at_row[taken]]
         if (np.diff(placed_ns) <= 0).any() or not np.isfinite(placed).all() or not (placed[:, 7:] > 0).all():
             expected = "finite boxes of positive size, one at a time"
             raise DataError(table.path, field=f"track {token[:60]}", expected=expected, got="another")
@@ -446,17 +439,6 @@ def _of_each(table: LogTable, name: str, tokens: list[str]) -> list[Any]:
         got = str(len(values))
         raise DataError(table.path, field=name, expected=f"one for each of {len(tokens)} boxes", got=got)
     return values
-
-
-def _has_neighbour(tokens: list[str], at_row: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) bool, whether the row before or after has the same track."""
-    tracks = np.unique(tokens, return_inverse=True)[1]
-    order = np.lexsort((at_row, tracks))
-    joined = (np.diff(tracks[order]) == 0) & (np.diff(at_row[order]) == 1)
-    beside = np.zeros(len(tokens), dtype=bool)
-    beside[order[1:]] |= joined
-    beside[order[:-1]] |= joined
-    return beside
 
 
 def _states(

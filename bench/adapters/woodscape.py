@@ -26,7 +26,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from os import scandir
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -45,9 +44,9 @@ from bench.recordings.validation import (
     FileModel,
     ForeignModel,
     located,
+    number_from_text,
     read_json,
     validated,
-    whole_from_text,
 )
 from bench.records.recording import COMPLETELY, ImageRef, MountedCamera, Recording
 
@@ -72,7 +71,6 @@ IMAGE = re.compile(r"(\d{5})_(FV|RV|MVL|MVR)\.png")
 LATEST_US = 9_000_000_000_000_000  # in nanoseconds still an int64
 LONGEST_PAIR_NS = 500_000_000
 FASTEST_MPS = 100.0
-LONGEST_NUMBER = 40
 
 
 class WoodscapeOptions(FisheyeOptions[CameraName]):
@@ -107,8 +105,7 @@ def woodscape_recordings(
     names: set[str] = set()
     for folder in present:
         refuse_escape(linked_folder(root, folder, levels=chosen.follow_links), folder, file=folder)
-        with scandir(folder) as entries:
-            matches = [IMAGE.fullmatch(entry.name) for entry in entries]
+        matches = [IMAGE.fullmatch(path.name) for path in folder.iterdir()]
         names |= {f"{m[1]}_{m[2]}" for m in matches if m is not None and m[2] in chosen.cameras}
     return tuple(
         RecordingHandle(name=name, opener=partial(open_woodscape, root, name, chosen)) for name in sorted(names)
@@ -226,23 +223,14 @@ def read_camera(file: Path, pair: str, options: WoodscapeOptions) -> MountedCame
 # Vehicle data
 
 
-def _from_text(value: object) -> object:
-    """The data set writes numbers as text."""
-    if not isinstance(value, str) or len(value) > LONGEST_NUMBER:
-        return value
-    try:
-        return float(value)
-    except ValueError:
-        return value
-
-
-Number = Annotated[float, BeforeValidator(_from_text)]
+FromText = BeforeValidator(number_from_text)  # the data set writes numbers as text
+Number = Annotated[float, FromText]
 
 
 class VehicleFile(ForeignModel):
     """The keys of a file of `vehicle_data` that are used."""
 
-    timestamp: Annotated[int, BeforeValidator(whole_from_text), Field(ge=0, le=LATEST_US)]
+    timestamp: Annotated[int, FromText, Field(ge=0, le=LATEST_US)]
     ego_speed: Number
     ego_yaw_rate: Number = Field(alias="ego_yawRate")
     ego_gear: str = "D"

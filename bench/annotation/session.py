@@ -36,8 +36,10 @@ from bench.cameras import CameraModel
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
 from bench.lidar import LidarSweep
-from bench.recordings import MOTION_KINDS, OBJECT_CLASSES, Recording, read_image
+from bench.recordings import Recording, read_image
 from bench.recordings.validation import FileModel, parse_json
+from bench.records.recording import MOTION_KINDS
+from bench.records.reference import OBJECT_CLASSES
 from bench.reference import ReferenceBuilder
 from bench.reference.regions import Region
 

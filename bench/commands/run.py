@@ -179,7 +179,7 @@ def run(
         dataset: card, by path or by a name that `fisheye-bench list` shows.
         method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
         settings: parameters of a method that is given by name.
-        input_errors: injected into what the method is given, by the names of `bench.recordings.InputErrors`, for
+        input_errors: injected into what the method is given, by the names of `bench.records.recording.InputErrors`, for
             example `{"pitch_deg": 0.5}`; the reference keeps the truth.
         protocol: names or files with commas in between.
         split: of the data set; None for all of it.

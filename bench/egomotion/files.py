@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bench.atomic import open_regular
 from bench.egomotion.trajectory import Trajectory, planar_trajectory
 from bench.errors import DataError, refuse
 from bench.geometry import Floats
@@ -61,7 +62,8 @@ def _read_table(path: Path) -> pd.DataFrame:
 
     try:
         # As text, so that times of 19 digits do not pass through floating point.
-        return pd.read_csv(path, dtype=str, keep_default_na=False, comment="#", skipinitialspace=True)
+        with open_regular(path) as file:
+            return pd.read_csv(file, dtype=str, keep_default_na=False, comment="#", skipinitialspace=True)
     except OSError as error:
         raise DataError(path, expected="a readable file", got=error.strerror or str(error)) from error
     except (ValueError, UnicodeDecodeError) as error:

@@ -18,8 +18,9 @@ from bench.geometry import RigidTransform
 from bench.harness.exact import is_oracle
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
 from bench.methods.contract import not_derived, own_copy
-from bench.recordings import ImageRef, Recording, frame_gaps, read_image
+from bench.recordings import ImageRef, Recording, read_image
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
+from bench.records.recording import frame_gaps
 from bench.records.reference import ReferenceFrame
 from bench.reference import ReferenceBuilder, visible_region
 

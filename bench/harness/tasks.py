@@ -34,15 +34,8 @@ from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import AnswersManifest, CodeOfRun, differences, method_digest
 from bench.harness.references import StoredReference, find_references, message_without_root, reference_of
 from bench.methods import Scorable
-from bench.recordings import (
-    NO_INPUT_ERRORS,
-    DatasetCard,
-    ImageRef,
-    InputErrors,
-    Recording,
-    RecordingHandle,
-    open_dataset,
-)
+from bench.recordings import DatasetCard, ImageRef, Recording, RecordingHandle, open_dataset
+from bench.records.recording import NO_INPUT_ERRORS, InputErrors
 
 TASK_IMAGES = 100  # bounds what is held before it is written; many times the lag of the chance level
 

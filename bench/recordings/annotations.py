@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from bench.errors import DataError
-from bench.geometry import RigidTransform, quaternions_wxyz
+from bench.geometry import RigidTransform
 from bench.recordings.validation import FileModel, Measured, TimeNs, in_order, read_json
 from bench.records.recording import (
     ALWAYS_NS,
@@ -43,7 +43,6 @@ from bench.records.reference import ObjectClass
 from bench.times import unit_hint
 
 REVIEW_SUFFIX = ".review.json"  # of files beside the annotations, from which they are made
-VERSION = "1.0.0"
 NOT_REVIEWED = "annotations: proposed, not reviewed"  # comment of a file of unreviewed proposals
 COORDINATE_SYSTEM: Literal["vehicle"] = "vehicle"
 
@@ -354,12 +353,12 @@ def annotation_document(tracks: Sequence[Track], timestamps_ns: Iterable[int] = 
         time_ns: {"frame_properties": {"timestamp": int(time_ns)}, "objects": {}} for time_ns in times_ns
     }
     for track in tracks:
-        for state, xyzw in zip(track.states, _quaternions_xyzw(track), strict=True):
-            frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state, xyzw)}
+        for state in track.states:
+            frames[state.timestamp_ns]["objects"][track.track_id] = {"object_data": _state_data(state)}
     comment = {} if all(track.reviewed for track in tracks) else {"comment": NOT_REVIEWED}
     return {
         "openlabel": {
-            "metadata": {"schema_version": VERSION, **comment},
+            "metadata": {"schema_version": "1.0.0", **comment},
             "coordinate_systems": {COORDINATE_SYSTEM: {"type": "local_cs", "parent": "", "children": []}},
             "objects": {track.track_id: _object(track) for track in tracks},
             "frames": {str(i): frames[time_ns] for i, time_ns in enumerate(times_ns)},
@@ -399,22 +398,14 @@ def _object(track: Track) -> dict[str, Any]:
     return entry
 
 
-def _quaternions_xyzw(track: Track) -> list[list[float]]:
-    """Of each state's box; without numbers where it is none."""
-    boxes = [state.shape.vehicle_from_object for state in track.states if isinstance(state.shape, Cuboid)]
-    if not boxes:
-        return [[] for _ in track.states]
-    quaternions = iter(np.roll(quaternions_wxyz(np.stack([box.rotation for box in boxes])), -1, axis=1).tolist())
-    return [next(quaternions) if isinstance(state.shape, Cuboid) else [] for state in track.states]
-
-
-def _state_data(state: ObjectState, quaternion_xyzw: list[float]) -> dict[str, Any]:
+def _state_data(state: ObjectState) -> dict[str, Any]:
     data: dict[str, Any] = {}
     numbers: dict[str, float] = {}
     vectors: dict[str, list[Any]] = {}
     match state.shape:
         case Cuboid(vehicle_from_object=pose, size_m=size_m):
-            val = [*pose.translation_m.tolist(), *quaternion_xyzw, *np.asarray(size_m, dtype=np.float64).tolist()]
+            w, *xyz = pose.quaternion_wxyz.tolist()
+            val = [*pose.translation_m.tolist(), *xyz, w, *np.asarray(size_m, dtype=np.float64).tolist()]
             data["cuboid"] = [{"name": "shape", "coordinate_system": COORDINATE_SYSTEM, "val": val}]
         case GroundPolygon(outline_m=outline_m, bottom_m=bottom_m, top_m=top_m):
             data["poly2d"] = [

@@ -60,16 +60,12 @@ class RecordingHandle:
             DataError: something in it is not what the format asks for, or an exclusion leaves none of its images out.
         """
         recording = self.opener()
-        if self.input_errors != NO_INPUT_ERRORS:
-            recording = replace(recording, input_errors=self.input_errors)
-        if self.annotated is not None and recording.annotated != NOT_ANNOTATED:
-            recording = replace(recording, annotated=self.annotated)
-        if not self.exclusions and self.first_images is None:
-            return recording
         for exclusion in self.exclusions:
             _refuse_void(exclusion, recording)
         images = {camera: self._included(refs)[: self.first_images] for camera, refs in recording.images.items()}
-        return replace(recording, images=images)
+        by_card = None if recording.annotated == NOT_ANNOTATED else self.annotated
+        annotated = by_card or recording.annotated
+        return replace(recording, images=images, annotated=annotated, input_errors=self.input_errors)
 
     def _included(self, refs: tuple[ImageRef, ...]) -> tuple[ImageRef, ...]:
         return tuple(
@@ -80,18 +76,15 @@ class RecordingHandle:
 def _refuse_void(exclusion: Exclusion, recording: Recording) -> None:
     """Refuse an exclusion that leaves nothing out: its times may be in another unit, or of another drive."""
     images = [(i, ref.timestamp_ns) for refs in recording.images.values() for i, ref in enumerate(refs)]
-    if not images or any(exclusion.covers(*image) for image in images):
-        return
-    times_ns = [time_ns for _, time_ns in images]
-    about = [f"frames {exclusion.frames}"] if exclusion.frames else []
-    about += [f"times {exclusion.timestamps_ns}"] if exclusion.timestamps_ns else []
-    raise DataError(
-        f"exclusions of {recording.name}",
-        expected=f"images that they leave out, of {max(map(len, recording.images.values()))} from {min(times_ns)} to "
-        f"{max(times_ns)} ns",
-        got=f"{' and '.join(about)}, which leave none out ({exclusion.reason})",
-        hint="correct the card: frames count from 0, times are nanoseconds",
-    )
+    if images and not any(exclusion.covers(*image) for image in images):
+        (last, _), times_ns = max(images), [time_ns for _, time_ns in images]
+        limits = exclusion.model_dump(include={"frames", "timestamps_ns"}, exclude_none=True)
+        raise DataError(
+            f"exclusions of {recording.name}",
+            expected=f"images that they leave out, of {last + 1} from {min(times_ns)} to {max(times_ns)} ns",
+            got=f"{limits}, which leave none out ({exclusion.reason})",
+            hint="correct the card: frames count from 0, times are nanoseconds",
+        )
 
 
 def handles_of(
@@ -263,12 +256,9 @@ def _refuse_strange_annotations(card: DatasetCard, handles: Mapping[str, Recordi
         return
     if not folder.is_dir():
         hint = "the path counts from the card's own folder; correct it, or take the key out"
-        got = f"{folder}, which is missing"
-        raise DataError(
-            card.file, field="annotations", expected="a folder of <recording>.json files", got=got, hint=hint
-        )
+        expected, got = "a folder of <recording>.json files", f"{folder}, which is missing"
+        raise DataError(card.file, field="annotations", expected=expected, got=got, hint=hint)
     files = sorted(file for file in folder.glob("*.json") if not file.name.endswith(REVIEW_SUFFIX))
-    known = [file for file in files if file.stem in handles]
-    if files and not known:
+    if files and not any(file.stem in handles for file in files):
         expected = f"files called as recordings in {folder}: {', '.join(sorted(handles)[:SHOWN])}"
         raise DataError(card.file, field="annotations", expected=expected, got=f"{len(files)}, as {files[0].name}")

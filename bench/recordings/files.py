@@ -21,7 +21,6 @@ from bench.records.recording import Content
 LARGEST_BYTES = 100_000_000  # a million rows of poses
 LARGEST_NUMBER = 1e12  # nothing that is measured comes near, and squares of it stay finite
 READ_BYTES = 65_536
-LONGEST_FRAME_NUMBER = 18  # digits
 
 
 def numbered_files(root: Path, folder: Path, number_of: Callable[[Path], int | None], *, each: str) -> dict[int, Path]:
@@ -92,7 +91,7 @@ def framed_files(root: Path, folder: Path, pattern: str) -> dict[int, Path]:
 
     def number_of(path: Path) -> int | None:
         match = named.fullmatch(path.name)
-        return None if match is None or len(match[1]) > LONGEST_FRAME_NUMBER else int(match[1])
+        return None if match is None else int(match[1])
 
     return numbered_files(root, folder, number_of, each="frame")
 

@@ -262,12 +262,6 @@ def _fault(content: bytes) -> str | None:
     return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
 
 
-def stated_size_px(content: bytes) -> tuple[int, int] | None:
-    """(width, height) as the header states; None where there is none."""
-    header = _header(content)
-    return None if header is None else header.size
-
-
 def _header(content: bytes) -> PngImageFile | JpegImageFile | None:
     """The header of a PNG or JPEG; None where there is none that can be read."""
     try:

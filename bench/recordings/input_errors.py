@@ -31,14 +31,10 @@ def named_input_errors(errors: Mapping[str, object]) -> InputErrors:
     for name, error in errors.items():
         if name not in known:
             raise UnknownNameError("input error", name, known)
-        least = 0.0 if name == "image_noise_grey" else -math.inf
-        if (
-            isinstance(error, bool)
-            or not isinstance(error, int | float)
-            or not (math.isfinite(error) and error >= least)
-        ):
-            expected = "a number" if least else "a number of at least 0"
-            raise UsageError(f"input error {name}: expected {expected}, got {error!r}")
+        if isinstance(error, bool) or not isinstance(error, int | float) or not math.isfinite(error):
+            raise UsageError(f"input error {name}: expected a number, got {error!r}")
+        if name == "image_noise_grey" and error < 0:
+            raise UsageError(f"input error {name}: expected a number of at least 0, got {error!r}")
     return replace(NO_INPUT_ERRORS, **{name: float(error) for name, error in errors.items()})  # type: ignore[arg-type]
 
 

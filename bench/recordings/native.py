@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from os.path import lexists
 from pathlib import Path
@@ -173,191 +172,6 @@ class NativeOptions(FileModel):
     bin_columns: BinColumns | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NativeFolder:
-    """Folder of a recording, and how it is to be read.
-
-    Attributes:
-        root: the folder.
-        options: as in the card.
-        annotations: annotation file that stands in for the recording's own; None for none.
-    """
-
-    root: Path
-    options: NativeOptions
-    annotations: Path | None
-
-    def open(self) -> Recording:
-        """Open the recording.
-
-        Raises:
-            DataError: a file that is missing or not what the format asks for.
-        """
-        head = self._head()
-        cameras = self._cameras(head)
-        images = {name: self._images(name, entry.white_level) for name, entry in head.cameras.items()}
-        trajectory, sweeps = self._trajectory(), self._sweeps()
-        tracks, annotated = self._tracks(head.annotated)
-        beams = head.lidar.lidar_from_sensor
-        return Recording(
-            name=self.root.resolve().name,
-            root=self.root,
-            frame_interval_ns=head.frame_interval_ns,
-            cameras=cameras,
-            images=images,
-            trajectory=trajectory,
-            vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
-            sweeps=sweeps,
-            tracks=tracks,
-            annotated=annotated,
-            vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
-            lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
-            contents=tuple(self._contents(images, sweeps)),
-        )
-
-    def _head(self) -> RecordingHead:
-        """`recording.json`, with the true mountings where the card asks for these."""
-        file = self._inside(HEAD)
-        head = read_json(RecordingHead, file)
-        if head.name != self.root.resolve().name:
-            expected = f"{self.root.resolve().name!r}, as its folder"
-            raise DataError(file, field="name", expected=expected, got=repr(head.name))
-        folder = self.root / "images"
-        if not folder.is_dir():
-            raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
-        for name in sorted(path.name for path in folder.iterdir() if path.is_dir() and path.name not in head.cameras):
-            expected = f"a calibration for images/{name}"
-            raise DataError(file, field=f"cameras.{name}", expected=expected, got="none")
-        return head if self.options.calibration == "recorded" else self._truly_calibrated(head)
-
-    def _truly_calibrated(self, head: RecordingHead) -> RecordingHead:
-        file = self._truth(TRUE_CALIBRATION, "calibration")
-        true = read_json(TrueCalibration, file)
-        if set(true.vehicle_from_camera) != set(head.cameras):
-            raise DataError(
-                file,
-                field="vehicle_from_camera",
-                expected=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
-                got=", ".join(sorted(true.vehicle_from_camera)) or "none",
-            )
-        cameras = {
-            name: entry.model_copy(update={"vehicle_from_camera": true.vehicle_from_camera[name]})
-            for name, entry in head.cameras.items()
-        }
-        lidar = head.lidar.model_copy(update={"vehicle_from_lidar": true.vehicle_from_lidar})
-        return head.model_copy(update={"cameras": cameras, "lidar": lidar})
-
-    def _truth(self, name: str, option: str) -> Path:
-        """A file of the exact truth, which only synthetic recordings have."""
-        file = self._inside(name)
-        if not file.is_file():
-            hint = f"set the card's option {option}: recorded, or render the recording again"
-            raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", hint=hint)
-        return file
-
-    def _cameras(self, head: RecordingHead) -> dict[str, MountedCamera]:
-        """The cameras, at the size at which they are evaluated."""
-        file, cameras = self.root / HEAD, dict[str, MountedCamera]()
-        for name, entry in head.cameras.items():
-            place = f"cameras.{name}"
-            ego_body = None
-            if entry.ego_body_mask is not None:
-                path = path_inside(self.root, entry.ego_body_mask, file=file, field=f"{place}.ego_body_mask")
-                ego_body = read_mask(path, entry.image_size)
-            with located(file, f"{place}.model"):
-                model = camera_model(entry.model, entry.image_size)
-            with located(file, f"{place}.vehicle_from_camera"):
-                cameras[name] = mounted_camera(
-                    name,
-                    model,
-                    entry.vehicle_from_camera.transform,
-                    ground_height_m=head.vehicle.ground_height_m,
-                    ego_body=ego_body,
-                    evaluated_size_px=self.options.evaluated_size_px,
-                    rolling_shutter=entry.rolling_shutter,
-                )
-        return cameras
-
-    def _images(self, camera: str, white_level: int | None) -> tuple[ImageRef, ...]:
-        """The images of a camera, by time."""
-        paths = self._timed_files(f"images/{camera}", IMAGE_SUFFIXES)
-        if not paths:
-            folder = self.root / "images" / camera
-            raise DataError(folder, expected="images named <timestamp_ns>.png or .jpg", got="none")
-        truth = self._timed_files(f"truth/{camera}", (".png",))
-        return tuple(
-            ImageRef(
-                camera=camera,
-                timestamp_ns=time_ns,
-                path=path,
-                truth_path=truth.get(time_ns),
-                stored=None if white_level is None else WhiteLevelImage(path, white_level),
-            )
-            for time_ns, path in paths.items()
-        )
-
-    def _sweeps(self) -> tuple[SweepRef, ...]:
-        """The sweeps, by time."""
-        columns = self.options.bin_columns
-        reader = read_sweep if columns is None else partial(read_sweep, bin_columns=columns)
-        paths = self._timed_files("lidar", SWEEP_SUFFIXES)
-        return tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in paths.items())
-
-    def _timed_files(self, folder: str, suffixes: tuple[str, ...]) -> dict[int, Path]:
-        """Files named by their time; hidden ones are not finished and passed over."""
-
-        def time_ns(path: Path) -> int | None:
-            if path.name.startswith(".") or path.suffix.lower() not in suffixes:
-                return None
-            if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
-                seconds = path.stem.replace(".", "", 1).isdigit() and "." in path.stem
-                hint = "these would be seconds: multiply them by 1000000000" if seconds else ""
-                raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
-            return int(path.stem)
-
-        return numbered_files(self.root, self.root / folder, time_ns, each="time")
-
-    def _trajectory(self) -> Trajectory:
-        """The motion that the car reports, or the true poses."""
-        if self.options.ego_motion == "exact":
-            return read_tum(self._truth(TRUE_POSES, "ego_motion"))
-        present = [name for name in EGOMOTION_FILES if (self.root / name).is_file()]
-        if len(present) != 1:
-            expected = f"one of {' and '.join(EGOMOTION_FILES)}"
-            hint = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
-            raise DataError(self.root, expected=expected, got="both" if present else "neither", hint=hint)
-        file = self._inside(present[0])
-        return read_bus_signals(file) if present[0] == "egomotion.csv" else read_tum(file)
-
-    def _tracks(self, stated: Statement | None) -> tuple[tuple[Track, ...], Annotated]:
-        """The objects of `annotations`, else of the recording's own file, and what they cover; without one nothing."""
-        if self.annotations is not None:  # what "none" is said of is the recording's own file
-            return read_annotations(self.annotations), annotated_as("complete" if stated in {None, "none"} else stated)
-        if lexists(self.root / "annotations.json"):
-            return read_annotations(self._inside("annotations.json")), annotated_as(stated or "complete")
-        if stated not in {None, "none"}:
-            hint = f'write it, without objects where nothing moves, or state "annotated": "none" in {HEAD}'
-            file = self.root / "annotations.json"
-            raise DataError(file, expected=f"annotations, as {HEAD} states them", got="no such file", hint=hint)
-        return (), NOT_ANNOTATED
-
-    def _inside(self, name: str) -> Path:
-        """A file of the folder, which no link may lead out of."""
-        file = self.root / name
-        refuse_escape(self.root, file, file=file)
-        return file
-
-    def _contents(self, images: Mapping[str, tuple[ImageRef, ...]], sweeps: tuple[SweepRef, ...]) -> Iterator[Content]:
-        """What is in the folder, read and not read."""
-        root = self.root
-        yield from file_contents(root, root, [root / name for name in READ], "part of the recording")
-        for name, refs in images.items():
-            folder, truth = root / "images" / name, root / "truth" / name
-            yield from file_contents(root, folder, [ref.path for ref in refs], "images", suffixes=IMAGE_SUFFIXES)
-            yield from file_contents(root, truth, [r.truth_path for r in refs if r.truth_path], "exact instances")
-        yield from file_contents(root, root / "lidar", [ref.path for ref in sweeps], "sweeps", suffixes=SWEEP_SUFFIXES)
-
-
 def open_native(root: Path, *, annotations: Path | None = None, **options: Any) -> Recording:
     """Open a native recording.
 
@@ -370,7 +184,170 @@ def open_native(root: Path, *, annotations: Path | None = None, **options: Any) 
         DataError: a file that is missing or not what the format asks for.
     """
     chosen = validated(NativeOptions, options, file=root / HEAD, field="options")
-    return NativeFolder(root=root, options=chosen, annotations=annotations).open()
+    head = _read_head(root, chosen)
+    images = {name: _images(root, name, entry.white_level) for name, entry in head.cameras.items()}
+    read = read_sweep if chosen.bin_columns is None else partial(read_sweep, bin_columns=chosen.bin_columns)
+    sweep_files = _timed_files(root, "lidar", SWEEP_SUFFIXES)
+    sweeps = tuple(SweepRef(timestamp_ns=t, path=path, reader=read) for t, path in sweep_files.items())
+    tracks, annotated = _tracks(root, head.annotated, annotations)
+    beams = head.lidar.lidar_from_sensor
+    return Recording(
+        name=root.resolve().name,
+        root=root,
+        frame_interval_ns=head.frame_interval_ns,
+        cameras={name: _camera(root, name, head, chosen) for name in head.cameras},
+        images=images,
+        trajectory=_trajectory(root, chosen),
+        vehicle_from_lidar=head.lidar.vehicle_from_lidar.transform,
+        sweeps=sweeps,
+        tracks=tracks,
+        annotated=annotated,
+        vehicle_outline_m=np.array(head.vehicle.outline_m, dtype=np.float64),
+        lidar_from_sensor=RigidTransform.identity() if beams is None else beams.transform,
+        contents=tuple(_contents(root, images, sweeps)),
+    )
+
+
+def _inside(root: Path, name: str) -> Path:
+    """A file of the folder, which no link may lead out of."""
+    file = root / name
+    refuse_escape(root, file, file=file)
+    return file
+
+
+def _truth(root: Path, name: str, option: str) -> Path:
+    """A file of the exact truth, which only synthetic recordings have."""
+    file = _inside(root, name)
+    if not file.is_file():
+        hint = f"set the card's option {option}: recorded, or render the recording again"
+        raise DataError(file, expected=f"the truth for {option}: exact", got="no such file", hint=hint)
+    return file
+
+
+def _read_head(root: Path, options: NativeOptions) -> RecordingHead:
+    """`recording.json`, with the true mountings where the card asks for these."""
+    file = _inside(root, HEAD)
+    head = read_json(RecordingHead, file)
+    if head.name != root.resolve().name:
+        expected = f"{root.resolve().name!r}, as its folder"
+        raise DataError(file, field="name", expected=expected, got=repr(head.name))
+    folder = root / "images"
+    if not folder.is_dir():
+        raise DataError(folder, expected="a folder with one folder of images per camera", got="no such folder")
+    for name in sorted(path.name for path in folder.iterdir() if path.is_dir() and path.name not in head.cameras):
+        expected = f"a calibration for images/{name}"
+        raise DataError(file, field=f"cameras.{name}", expected=expected, got="none")
+    return head if options.calibration == "recorded" else _truly_calibrated(root, head)
+
+
+def _truly_calibrated(root: Path, head: RecordingHead) -> RecordingHead:
+    file = _truth(root, TRUE_CALIBRATION, "calibration")
+    true = read_json(TrueCalibration, file)
+    if set(true.vehicle_from_camera) != set(head.cameras):
+        raise DataError(
+            file,
+            field="vehicle_from_camera",
+            expected=f"the cameras of {HEAD}: {', '.join(sorted(head.cameras))}",
+            got=", ".join(sorted(true.vehicle_from_camera)) or "none",
+        )
+    cameras = {
+        name: entry.model_copy(update={"vehicle_from_camera": true.vehicle_from_camera[name]})
+        for name, entry in head.cameras.items()
+    }
+    lidar = head.lidar.model_copy(update={"vehicle_from_lidar": true.vehicle_from_lidar})
+    return head.model_copy(update={"cameras": cameras, "lidar": lidar})
+
+
+def _camera(root: Path, name: str, head: RecordingHead, options: NativeOptions) -> MountedCamera:
+    """A camera, at the size at which it is evaluated."""
+    file, place, entry = root / HEAD, f"cameras.{name}", head.cameras[name]
+    ego_body = None
+    if entry.ego_body_mask is not None:
+        path = path_inside(root, entry.ego_body_mask, file=file, field=f"{place}.ego_body_mask")
+        ego_body = read_mask(path, entry.image_size)
+    with located(file, f"{place}.model"):
+        model = camera_model(entry.model, entry.image_size)
+    with located(file, f"{place}.vehicle_from_camera"):
+        return mounted_camera(
+            name,
+            model,
+            entry.vehicle_from_camera.transform,
+            ground_height_m=head.vehicle.ground_height_m,
+            ego_body=ego_body,
+            evaluated_size_px=options.evaluated_size_px,
+            rolling_shutter=entry.rolling_shutter,
+        )
+
+
+def _images(root: Path, camera: str, white_level: int | None) -> tuple[ImageRef, ...]:
+    """The images of a camera, by time."""
+    paths = _timed_files(root, f"images/{camera}", IMAGE_SUFFIXES)
+    if not paths:
+        raise DataError(root / "images" / camera, expected="images named <timestamp_ns>.png or .jpg", got="none")
+    truth = _timed_files(root, f"truth/{camera}", (".png",))
+    return tuple(
+        ImageRef(
+            camera=camera,
+            timestamp_ns=time_ns,
+            path=path,
+            truth_path=truth.get(time_ns),
+            stored=None if white_level is None else WhiteLevelImage(path, white_level),
+        )
+        for time_ns, path in paths.items()
+    )
+
+
+def _timed_files(root: Path, folder: str, suffixes: tuple[str, ...]) -> dict[int, Path]:
+    """Files named by their time; hidden ones are not finished and passed over."""
+
+    def time_ns(path: Path) -> int | None:
+        if path.name.startswith(".") or path.suffix.lower() not in suffixes:
+            return None
+        if not path.stem.isascii() or not path.stem.isdigit() or int(path.stem) > LATEST_NS:
+            seconds = path.stem.replace(".", "", 1).isdigit() and "." in path.stem
+            hint = "these would be seconds: multiply them by 1000000000" if seconds else ""
+            raise DataError(path, expected="a name that is a time in nanoseconds", got=repr(path.stem), hint=hint)
+        return int(path.stem)
+
+    return numbered_files(root, root / folder, time_ns, each="time")
+
+
+def _trajectory(root: Path, options: NativeOptions) -> Trajectory:
+    """The motion that the car reports, or the true poses."""
+    if options.ego_motion == "exact":
+        return read_tum(_truth(root, TRUE_POSES, "ego_motion"))
+    present = [name for name in EGOMOTION_FILES if (root / name).is_file()]
+    if len(present) != 1:
+        expected = f"one of {' and '.join(EGOMOTION_FILES)}"
+        hint = "" if present else "the reference cannot do without: it moves lidar points to the time of the image"
+        raise DataError(root, expected=expected, got="both" if present else "neither", hint=hint)
+    file = _inside(root, present[0])
+    return read_bus_signals(file) if present[0] == "egomotion.csv" else read_tum(file)
+
+
+def _tracks(root: Path, stated: Statement | None, annotations: Path | None) -> tuple[tuple[Track, ...], Annotated]:
+    """The objects of `annotations`, else of the recording's own file, and what they cover; without one nothing."""
+    file = root / "annotations.json"
+    if annotations is not None:  # what "none" is said of is the recording's own file
+        return read_annotations(annotations), annotated_as("complete" if stated in {None, "none"} else stated)
+    if lexists(file):
+        return read_annotations(_inside(root, file.name)), annotated_as(stated or "complete")
+    if stated not in {None, "none"}:
+        hint = f'write it, without objects where nothing moves, or state "annotated": "none" in {HEAD}'
+        raise DataError(file, expected=f"annotations, as {HEAD} states them", got="no such file", hint=hint)
+    return (), NOT_ANNOTATED
+
+
+def _contents(
+    root: Path, images: Mapping[str, tuple[ImageRef, ...]], sweeps: tuple[SweepRef, ...]
+) -> Iterator[Content]:
+    """What is in the folder, read and not read."""
+    yield from file_contents(root, root, [root / name for name in READ], "part of the recording")
+    for name, refs in images.items():
+        folder, truth = root / "images" / name, root / "truth" / name
+        yield from file_contents(root, folder, [ref.path for ref in refs], "images", suffixes=IMAGE_SUFFIXES)
+        yield from file_contents(root, truth, [r.truth_path for r in refs if r.truth_path], "exact instances")
+    yield from file_contents(root, root / "lidar", [ref.path for ref in sweeps], "sweeps", suffixes=SWEEP_SUFFIXES)
 
 
 def native_recordings(

@@ -40,6 +40,7 @@ class ForeignModel(FileModel):
 Span = TypeVar("Span", tuple[int, int], tuple[int | None, int | None])
 LATEST_NS = 2**62  # in the year 2116; room is left for sums
 LARGEST_SIDE_PX = 16_384
+LONGEST_NUMBER = 40  # characters
 LARGEST_MEASURED = 1e8  # places on any map in metres, and speeds in m/s, are within
 
 
@@ -51,9 +52,13 @@ def in_order(span: Span) -> Span:
     return span
 
 
-def whole_from_text(value: object) -> object:
-    """A whole number that a data set writes as text, as one; everything else as it is."""
-    return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) < 20 else value
+def number_from_text(value: object) -> object:
+    """The number that a data set writes as text; everything else as it is."""
+    if isinstance(value, str) and len(value) <= LONGEST_NUMBER:
+        for kind in (int, float):
+            with suppress(ValueError):
+                return kind(value)
+    return value
 
 
 TimeNs = Annotated[int, Field(ge=-LATEST_NS, le=LATEST_NS)]

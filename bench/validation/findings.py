@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.recordings import Cuboid, GroundPolygon, ObjectShape, ObjectState, Recording, Track
+from bench.recordings import Cuboid, GroundPolygon, ObjectState, Recording, Track
+from bench.records.recording import ObjectShape
 
 
 class Severity(StrEnum):

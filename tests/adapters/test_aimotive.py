@@ -150,13 +150,12 @@ def test_the_data_sets_own_odometry(own_odometry, tmp_path):
     [
         ("", "expected JSON"),
         ("[1, 2]", "expected an object, got [1, 2]"),
-        ("[" * 100_000, "expected JSON"),
         ('{"1": {}, "../x": {}}', "expected poses of two frames at least, of those from 100 to 102, got 0"),
-        ('{"100": {}}', "100.RT_ECEF_body: expected a 4 x 4 matrix, got none (KeyError)"),
-        ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body: expected a 4 x 4 matrix"),
-        ('{"100": {"RT_ECEF_body": [[NaN, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}}', "expected a finite (4, 4) or"),
+        ('{"100": {}}', "100.RT_ECEF_body: expected a value, got nothing"),
+        ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body.0.2: expected a value, got nothing"),
+        (f'{{"100": {{"RT_ECEF_body": {[[2, 0, 0, 0]] * 4}}}}}', "100.RT_ECEF_body: expected a rotation without scale"),
     ],
-    ids=range(7),
+    ids=range(6),
 )
 def test_faults_of_the_odometry(own_odometry, tmp_path, text, message):
     own_odometry.write_text(text)

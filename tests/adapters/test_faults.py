@@ -11,6 +11,7 @@ from bench.recordings import ADAPTERS
 from tests.hostile import files
 from tests.support import tiny_aimotive, tiny_kitti360, tiny_kitti_raw
 from tests.support.data_sets import DATA_SETS
+from tests.support.limits import at_most
 
 AIMOTIVE, K360, RAW = tiny_aimotive.SEQUENCE, tiny_kitti360.SEQUENCE, f"{tiny_kitti_raw.DATE}/{tiny_kitti_raw.DRIVE}"
 SENSORS, BOX = f"{AIMOTIVE}/sensor/calibration/calibration.json", f"{AIMOTIVE}/dynamic/box/3d_body/frame_0000101.json"
@@ -38,17 +39,22 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def refused(whole, tmp_path):
-    """Changes one file of a data set and gives the error of opening it."""
+    """Puts another content, or something that is no file, in the place of a file, and gives the error of opening it."""
 
-    def refuse(adapter, file, change):
+    def refuse(adapter, file, content):
         root, options = whole(adapter)
         shutil.copytree(root, tmp_path / "data")
-        (tmp_path / "data" / file).write_bytes(change((root / file).read_bytes()))
+        path = tmp_path / "data" / file
+        if callable(content):
+            path.unlink()
+            content(path)
+        else:
+            path.write_bytes(content)
         listing = imported(ADAPTERS[adapter], expected="an adapter")
-        with pytest.raises(DataError) as caught:
+        with at_most(60), pytest.raises(DataError) as caught:
             listing(tmp_path / "data", options=options, card=tmp_path / "x.yaml", annotations=None)[0].open()
         told = str(caught.value)
-        assert str(tmp_path / "data" / file) in told
+        assert str(path) in told or (str(path.parent) in told and path.name in told)  # or: expected one of these files
         assert "\n" not in told
         return told
 
@@ -62,13 +68,11 @@ FAULTS = [
     ("aimotive", BOX, '"ObjectId": 1', '"Object": 1', "ObjectId: expected a value, got nothing"),
     ("aimotive", BOX, '"Timestamp": "4', '"Timestamp": "1', "expected times that increase"),
     ("aimotive", SENSORS, '"mei"', '"pinhole"', "M_FISHEYE_R.model: expected 'mei', got 'pinhole'"),
-    ("aimotive", SENSORS, '"xi"', '"x"', "M_FISHEYE_R.xi: expected a value, got nothing"),
     ("aimotive", SENSORS, "M_FISHEYE_R", "B_CAM", "M_FISHEYE_R: expected a calibration of this camera, got none"),
     ("woodscape", STATE, '"36.0"', '"fast"', "ego_speed: expected a valid number, got 'fast'"),
     ("woodscape", STATE, '"36.0"', '"3600"', "ego_speed: expected at most 360 km/h"),
-    ("woodscape", STATE, "15000000001", "1" * 30, "timestamp: expected a valid integer"),
+    ("woodscape", STATE, "15000000001", "1" * 30, "timestamp: expected less than or equal to 9000000000000000"),
     ("woodscape", STATE, "1500000000", "1500000010", "expected a time up to 500000 microseconds after"),
-    ("woodscape", STATE, "0000123456", "0000090136", "got one 0 after it"),
     ("woodscape", LENS, '"FV"', '"RV"', "name: expected 'FV', got 'RV'"),
     ("woodscape", LENS, "[-0.5, 0.5, -0.5, 0.5]", "[0, 0, 0, 0]", "quaternion_wxyz: expected four"),
     ("kitti-raw", TRACKLETS, "<objectType>Van", "<objectType>Boat", "1.objectType: expected one of"),
@@ -79,7 +83,8 @@ FAULTS = [
     ("kitti-raw", f"{RAW}/oxts/timestamps.txt", "2011-09-26", "26.09.2011", "line 1: expected a time"),
     ("kitti360", BOXES, "<instanceId>3<", "<instanceId>x<", "object1.instanceId: expected a whole"),
     ("kitti360", BOXES, "<rows>4</rows>", "<rows>5</rows>", "transform.data: expected 20 numbers, got 16"),
-    ("kitti360", BOXES, "<rows>8</rows>", "<rows>99999999</rows>", "vertices: expected rows and cols"),
+    ("kitti360", BOXES, "<rows>8</rows>", "<rows>99999999</rows>", "vertices.data: expected 299999997 numbers"),
+    ("kitti360", BOXES, "<rows>8</rows>", "<rows>-8</rows>", "vertices: expected rows and cols"),
     ("kitti360", BOXES, "-0.5", "0.5", "transform: expected a box with length, width and height"),
     ("kitti360", BOXES, "<end_frame>10", "<end_frame>0", "end_frame: expected 1 or later, got 0"),
     ("kitti360", BOXES, "<timestamp>1<", "<timestamp>-7<", "timestamp: expected a frame number"),
@@ -92,7 +97,6 @@ FAULTS = [
     ("kitti360", TIMES, "2013-05-28 08:46:03", "2013-13-28 08:46:03", "expected a time YYYY-MM-DD"),
     ("kitti360", TIMES, "08:46:02.904219904", "08:46:59.904219904", "line 2: expected times that increase"),
     ("kitti360", FISHEYE, "MEI", "PINHOLE", "model_type: expected 'MEI', got 'PINHOLE'"),
-    ("kitti360", FISHEYE, "xi: 2.2", "xi: .nan", "xi"),
     ("kitti360", FISHEYE, "image_02", "image_03", "camera_name: expected 'image_02', got 'image_03'"),
     ("kitti360", MOUNTS, "image_02: 1 0", "image_02: 1", "image_02: expected 12 numbers, got 11"),
     ("kitti360", VELODYNE, "0 ", "1 ", "calib_cam_to_velo: expected a rotation without scale"),
@@ -101,12 +105,10 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("adapter", "file", "old", "new", "message"), FAULTS, ids=[f"{f[0]} {f[4]}" for f in FAULTS])
-def test_a_fault_is_told_with_its_place(refused, adapter, file, old, new, message):
-    def change(content):
-        assert old.encode() in content
-        return content.replace(old.encode(), new.encode())
-
-    assert message in refused(adapter, file, change)
+def test_a_fault_is_told_with_its_place(whole, refused, adapter, file, old, new, message):
+    content = (whole(adapter)[0] / file).read_bytes()
+    assert old.encode() in content
+    assert message in refused(adapter, file, content.replace(old.encode(), new.encode()))
 
 
 @pytest.mark.parametrize(
@@ -117,8 +119,9 @@ def test_a_fault_is_told_with_its_place(refused, adapter, file, old, new, messag
         (BOXES, lambda lines: lines[: len(lines) // 2], "expected well-formed XML"),
     ],
 )
-def test_lines_that_are_missing(refused, file, keep, message):
-    assert message in refused("kitti360", file, lambda content: b"\n".join(keep(content.splitlines())))
+def test_lines_that_are_missing(whole, refused, file, keep, message):
+    lines = (whole("kitti360")[0] / file).read_bytes().splitlines()
+    assert message in refused("kitti360", file, b"\n".join(keep(lines)))
 
 
 TEXT_FILES = {
@@ -149,4 +152,13 @@ HOSTILE = {
 @pytest.mark.parametrize("what", HOSTILE)
 @pytest.mark.parametrize(("adapter", "file"), [(name, file) for name, those in TEXT_FILES.items() for file in those])
 def test_what_is_no_such_file_at_all_is_told(refused, adapter, file, what):
-    refused(adapter, file, lambda _: HOSTILE[what])
+    refused(adapter, file, HOSTILE[what])
+
+
+REGULAR = [(name, file) for name in ("native", "aimotive", "woodscape") for file in TEXT_FILES[name]]
+
+
+@pytest.mark.parametrize("what", files.NO_FILES)
+@pytest.mark.parametrize(("adapter", "file"), [*REGULAR, ("native", "drive/ego_body/front.png")])
+def test_nothing_waits_for_what_is_no_regular_file(refused, adapter, file, what):
+    refused(adapter, file, files.NO_FILES[what])

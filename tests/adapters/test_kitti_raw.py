@@ -8,7 +8,7 @@ import pytest
 from bench.adapters.kitti_raw import CLASSES, read_tracklets
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.recordings import COMPLETELY, NOT_ANNOTATED
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED
 from bench.reference import ReferenceBuilder
 from tests.support import data_sets
 from tests.support import tiny_kitti_raw as tiny

@@ -170,7 +170,7 @@ def test_logs_of_other_data_sets_in_the_same_folder_are_not_read(native, tmp_pat
     list_recordings = partial(log123d_recordings, tmp_path, card=tmp_path / "card.yaml", annotations=None)
     assert [handle.name for handle in list_recordings(options={})] == ["drive", "another"]
     assert [handle.name for handle in list_recordings(options={"log_splits": ["others_val"]})] == ["another"]
-    with pytest.raises(DataError, match=r"drives_val/<log>/sync\.arrow, got none; convert .* set the card's options"):
+    with pytest.raises(DataError, match=r"drives_val/<log>/sync\.arrow, got none; convert .* set the card's root"):
         list_recordings(options={"log_splits": ["drives_val"]})
     with pytest.raises(DataError, match="log_splits"):
         list_recordings(options={"log_splits": ["../elsewhere"]})

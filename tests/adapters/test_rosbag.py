@@ -5,7 +5,6 @@ import pickle
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import yaml
@@ -17,8 +16,9 @@ from bench.cameras import RollingShutter, camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.harness.digests import digest_file
-from bench.recordings import COMPLETELY, NOT_ANNOTATED, load_card, read_image
+from bench.recordings import load_card, read_image
 from bench.recordings.validation import validated
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED
 from tests.support import data_sets, tiny
 from tests.support import tiny_rosbag as bags
 
@@ -289,8 +289,9 @@ def test_rigs_that_cannot_be(tmp_path, change, told):
 
 def test_each_recording_may_have_a_rig_and_one_elsewhere_or_with_tags_is_refused(tmp_path):
     root = bags.data_set(tmp_path, bags.drive())
-    bags.write_rig(root / "drive", rig_with(frame_interval_ns=50_000_000))
-    assert opened(root, rig="{recording}/rig.yaml").frame_interval_ns == 50_000_000
+    bags.write_rig(root / "drive", rig_with(front={"time_offset_ns": 5_000_000}))
+    (first, *_) = opened(root, rig="{recording}/rig.yaml").images["front"]
+    assert first.timestamp_ns == tiny.TIMES_NS[0] + 5_000_000
     with pytest.raises(DataError, match=r"options\.rig: expected a relative path without '\.\.', got '\.\./rig\.yaml'"):
         opened(root, rig="../rig.yaml")
     (root / "rig.yaml").write_text("vehicle: !!python/object/apply:os.getcwd []\n")
@@ -337,22 +338,13 @@ def test_the_example_card_shows_a_rig_that_is_one():
     validated(RosbagOptions, card.content.options, file=card.file)
 
 
-def test_the_rig_states_a_rolling_shutter_and_the_hosts_body_by_a_mask_and_polygons(tmp_path):
+def test_the_rig_states_a_rolling_shutter_and_the_hosts_body(tmp_path):
     shutter = {"readout_s": 0.02, "direction": "up"}
-    rig = rig_with(front={"ego_body_mask": "body.png", "rolling_shutter": shutter})
-    root = bags.data_set(tmp_path, bags.drive(), rig)
-    mask = np.zeros((tiny.HEIGHT, tiny.WIDTH), dtype=np.uint8)
-    mask[:3] = 255
-    cv2.imwrite(str(root / "body.png"), mask)
-    camera = opened(root).cameras["front"]
+    camera = opened(bags.data_set(tmp_path, bags.drive(), rig_with(front={"rolling_shutter": shutter}))).cameras[
+        "front"
+    ]
     assert camera.rolling_shutter == RollingShutter(**shutter)
-    seen = camera.ego_body
-    assert seen[:3].all()
-    assert seen[40:, 10:50].all()
-    assert seen.sum() == 3 * tiny.WIDTH + 8 * 40
-    bags.write_rig(root, rig_with(front={"ego_body_mask": "../body.png"}))
-    with pytest.raises(DataError, match=r"cameras\.front\.ego_body_mask: expected a relative path"):
-        opened(root)
+    assert camera.ego_body.sum() == camera.ego_body[40:, 10:50].sum() == 8 * 40
 
 
 def test_what_a_reference_stands_for_changes_with_content_and_with_its_decoding(tmp_path):

@@ -11,7 +11,8 @@ from bench.annotation import propose
 from bench.annotation.server import ReviewServer
 from bench.annotation.session import Session
 from bench.annotation.store import review_file, write_review
-from bench.recordings import NOT_ANNOTATED, load_card, open_dataset
+from bench.recordings import load_card, open_dataset
+from bench.records.recording import NOT_ANNOTATED
 from tests.annotation.street import COARSE, street
 from tests.support.browser import headless_chromium
 from tests.support.reviews import DRIVE, proposed_from

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bench.annotation import evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
-from bench.recordings import NOT_ANNOTATED, Annotated
+from bench.records.recording import NOT_ANNOTATED, Annotated
 from tests.validation.drive import OBJECTS, SWEEPS
 
 

@@ -10,8 +10,9 @@ import pytest
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.harness import FramePipeline, read_run, read_tables
 from bench.methods import Method, MethodInput, Segmentation
-from bench.recordings import InputErrors, load_card, open_dataset, read_image
+from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.input_errors import named_input_errors
+from bench.records.recording import InputErrors
 from tests.support import runs
 from tests.support.runs import IMAGES, PAPER
 

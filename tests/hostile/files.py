@@ -1,6 +1,7 @@
 """Files that were made to break a reader, small on disk."""
 
 import io
+import os
 import struct
 import zipfile
 import zlib
@@ -34,6 +35,11 @@ def jpeg_of_another_size(content: bytes, width: int, height: int) -> bytes:
     return content[: place + 5] + struct.pack(">HH", height, width) + content[place + 9 :]
 
 
+NO_FILES = {  # what may stand in the place of a file
+    "pipe": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "folder": lambda path: path.mkdir(),
+}
 WHOLE = "expected a whole PNG or JPEG file, got "
 BLACK = png(64, 48, rows=bytes(65 * 48))
 IMAGES = {  # content and what is told
@@ -69,13 +75,6 @@ def zipped(packing: int = zipfile.ZIP_DEFLATED, **members: bytes) -> bytes:
     return file.getvalue()
 
 
-def told(content: bytes, place: int, kind: str, number: int) -> bytes:
-    """A zip file whose directory says another number of its one member."""
-    changed = bytearray(content)
-    struct.pack_into(kind, changed, content.rindex(b"PK\1\2") + place, number)
-    return bytes(changed)
-
-
 def npy_header(shape: tuple[int, ...], kind: str = "<f4") -> bytes:
     text = repr({"descr": kind, "fortran_order": False, "shape": shape}).encode()
     text += b" " * (-(len(text) + 11) % 64) + b"\n"
@@ -105,31 +104,12 @@ def spoiled(content: bytes, place: int, count: int = 12) -> bytes:
     return content[:place] + bytes(byte ^ 0x5A for byte in content[place : place + count]) + content[place + count :]
 
 
-def with_points(value: float) -> np.ndarray:
-    points = POINTS.copy()
-    points[7, 1] = value
-    return points
-
-
 NPZ_FILES = {
-    "empty": b"",
-    "cut short": NPZ[:-300],
     "no zip": b"PK\x03\x04 and nothing",
     "zip of zeros": partial(zeros, 40_000_000),  # takes a second, which is not spent on importing this
     "header of a trillion points": zipped(points_lidar=npy_header((10**12, 3))),
-    "header of a negative length": zipped(points_lidar=npy_header((-5, 3))),
-    "header that is code": zipped(points_lidar=b"\x93NUMPY\x01\x00" + struct.pack("<H", 20) + b"__import__('os')    "),
-    "header of objects": zipped(points_lidar=npy_header((1 << 40,), "|O")),
-    "pickle": npz(points_lidar=np.array([{"a": 1}], dtype=object)),
     "damaged stream": spoiled(NPZ, 200),
-    "encrypted": told(NPZ, 8, "<H", 1),
     "packed by bzip2": zipped(zipfile.ZIP_BZIP2, points_lidar=npy_header((1, 3)) + bytes(12)),
-    "stream longer than told": told(zipped(points_lidar=npy_header((1, 3)) + bytes(1 << 26)), 24, "<I", 140),
-    "checksum of another": told(NPZ, 16, "<I", 12345),
-    "entry elsewhere": told(NPZ, 42, "<I", 77),
-    "entry beyond the end": told(NPZ, 42, "<I", 1 << 30),
-    "members outside": zipped(**{"../../points_lidar": npy_header((1, 3)) + bytes(12)}),
-    "complex": npz(points_lidar=POINTS.astype(complex)),
     "point times without end": npz(points_lidar=POINTS, time_offset_ns=np.full(500, -(2**63), dtype=np.int64)),
 }
 
@@ -151,73 +131,43 @@ def laszip_record_at(content: bytes) -> int:
     return content.index(b"laszip encoded") + 52
 
 
-def laz_of(count: int) -> bytes:
-    """A header that tells another number of points, at its place in LAS 1.2."""
-    return LAZ[:107] + struct.pack("<I", count) + LAZ[111:]
-
-
 LAZ_FILES = {
-    "empty": b"",
-    "cut short": LAZ[: len(LAZ) // 2],
     "text": b"not points" * 40,
     "nothing but a header": LAZ[:227],
-    "four billion points": laz_of(2**32 - 1),
-    "nine million points": laz_of(9_000_000),
+    "four billion points": put(LAZ, 107, "<I", 2**32 - 1),  # at its place in LAS 1.2
     "damaged stream": spoiled(LAZ, len(LAZ) // 2, 40),
-    "scales of NaN": LAZ[:131] + struct.pack("<3d", np.nan, np.nan, np.nan) + LAZ[155:],
-    "points at an offset beyond the file": LAZ[:96] + struct.pack("<I", 2**31) + LAZ[100:],
+    "scales of NaN": put(LAZ, 131, "<d", np.nan),
     "scales without end": put(LAZ, 131, "<d", 1e308),
-    "four billion records": put(LAZ, 100, "<I", 2**32 - 1),
+    "points at an offset beyond the file": put(LAZ, 96, "<I", 2**31),
     "four billion chunks": put(LAZ, chunk_table_at(LAZ) + 4, "<I", 2**32 - 1),
     "chunks of four billion points": put(LAZ, laszip_record_at(LAZ) + 12, "<I", 2**32 - 2),
     "chunks of four billion bytes": spoiled(LAZ, chunk_table_at(LAZ) + 8, 4),
     "chunk table beyond the end": put(LAZ, POINTS_AT.unpack_from(LAZ)[0], "<q", 2**40),
     "layers of four billion bytes": put(LAYERED_LAZ, POINTS_AT.unpack_from(LAYERED_LAZ)[0] + 42, "<I", 2**32 - 1),
-    "two billion extra records": put(LAYERED_LAZ, 243, "<I", 2**31)[:-20],
     "times that are no number": laz(POINTS.astype(np.float64), gps_time=np.full(500, np.nan)),
 }
 
 ROWS = np.column_stack([POINTS, np.ones(500, np.float32)]).astype("<f4")
-BIN_FILES = {
-    "empty": b"",
-    "no whole row": ROWS.tobytes()[:-3],
-    "NaN": np.where(np.arange(4) == 1, np.float32(np.nan), ROWS[:4]).astype("<f4").tobytes(),
-    "infinity": np.where(np.arange(4) == 2, np.float32(-np.inf), ROWS[:4]).astype("<f4").tobytes(),
-}
-
-
 PCD_FILES = {
-    "empty": b"",
-    "text": b"not points",
     "a trillion points": pcd(10**12, body=bytes(120)),
     "a negative number of points": pcd(-5, body=bytes(120)),
     "no number of points": pcd(10, POINTS="many", body=bytes(120)),
-    "cut short": pcd(500, body=POINTS.tobytes()[:-40]),
-    "columns that do not fit": pcd(10, FIELDS="x y z intensity", body=bytes(160)),
     "columns of three bytes": pcd(10, SIZE="3 3 3", body=bytes(160)),
     "columns without end": pcd(10, COUNT="999999999 1 1", body=bytes(160)),
-    "width and height of others": pcd(10, WIDTH="4000000000", body=bytes(160)),
-    "compressed": pcd(10, data="binary_compressed", body=struct.pack("<II", 20, 120) + b"\xff" * 20),
     "text of words": pcd(2, data="ascii", body=b"1 2 3\n4 five 6\n"),
     "text of too few numbers": pcd(2, data="ascii", body=b"1 2 3\n4 5\n"),
     "text of numbers beyond their type": pcd(1, data="ascii", body=b"1 2 1e300\n"),
-    "beyond any map": pcd(500, body=with_points(1e30).tobytes()),
+    "beyond any map": pcd(500, body=np.where(np.arange(1500) == 22, np.float32(1e30), POINTS.ravel()).tobytes()),
 }
 
-
-CLOUDS = {".npz": NPZ_FILES, ".laz": LAZ_FILES, ".bin": BIN_FILES, ".pcd": PCD_FILES}
+CLOUDS = {".npz": NPZ_FILES, ".laz": LAZ_FILES, ".pcd": PCD_FILES}
 
 
 LAUGHS = "a0: &a0 [ha, ha, ha, ha, ha, ha, ha, ha, ha]\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12)
 )
 YAML_FILES = {
-    "empty": "",
-    "a list": "[1, 2]",
-    "no YAML": "a: [1, 2\nb: {",
-    "a tag that calls": "name: !!python/object/apply:os.system ['touch touched']\n",
     "a tag that imports": "name: !!python/name:os.system\n",
-    "a tag of its own": "name: !secret x\n",
     "a billion laughs": LAUGHS + "name: *a11\n",
     "a billion merges": "".join(
         f"m{n}: &m{n} {{{'<<: [' + ', '.join([f'*m{n - 1}'] * 9) + '], ' if n else ''}k{n}: 1}}\n" for n in range(12)

@@ -4,15 +4,15 @@ import subprocess
 import sys
 import warnings
 
-import numpy as np
 import pytest
 
 from bench.errors import DataError
 from bench.lidar import read_sweep
+from bench.lidar.files import FORMATS
 from bench.plain_yaml import parse_yaml
 from bench.recordings import load_card
 from tests.hostile import files
-from tests.support.clouds import laz, pcd
+from tests.support.limits import at_most
 
 pytestmark = pytest.mark.slow
 
@@ -53,11 +53,20 @@ def test_point_clouds(tmp_path, capfd, suffix, what):
     assert "".join(capfd.readouterr()) == ""
 
 
+@pytest.mark.parametrize("what", files.NO_FILES)
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_nothing_waits_for_a_cloud_that_is_no_file(tmp_path, suffix, what):
+    files.NO_FILES[what](tmp_path / f"1000{suffix}")
+    with at_most(60), pytest.raises(DataError, match=r"1000\.\w+: expected a point-cloud file, got no such file"):
+        read_sweep(tmp_path / f"1000{suffix}", 1000)
+
+
 READ_UNDER_A_LIMIT = """
 import resource, sys
 from pathlib import Path
 from bench.errors import DataError
 from bench.lidar import read_sweep
+from bench.lidar.files import FORMATS
 resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
 for path in sorted(Path(sys.argv[1]).iterdir()):
     try:
@@ -76,22 +85,6 @@ def test_no_sweep_of_lies_takes_the_memory_that_it_speaks_of(tmp_path):
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.split() == sorted(path.name for path in tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("suffix", files.CLOUDS)
-def test_the_whole_ones_are_read(tmp_path, suffix):
-    """What the spoiled ones are made of; or the table would prove nothing."""
-    whole = {
-        ".npz": files.NPZ,
-        ".laz": files.LAZ,
-        ".bin": files.ROWS.tobytes(),
-        ".pcd": pcd(500, body=files.POINTS.tobytes()),
-    }
-    path = tmp_path / f"1000{suffix}"
-    path.write_bytes(whole[suffix])
-    if suffix == ".laz":
-        path.write_bytes(laz(files.POINTS.astype(float), gps_time=np.full(500, 1000.0)))
-    assert read_sweep(path, 1000).points_lidar == pytest.approx(files.POINTS, abs=1e-3)
 
 
 @pytest.mark.parametrize("what", files.YAML_FILES)

@@ -16,25 +16,17 @@ SHORT, LONG = 50, 250
 INDEX_BYTES = 9_000  # a frame: its references, its pose, the states of the objects in it
 
 
-def linked(first, paths):
-    """The same file under many names: the disk holds it once, readers cannot tell."""
-    for path in paths:
-        path.hardlink_to(first)
-
-
 def write(root, frames):
+    """The tiny recording with a sweep of 4000 points, and with files that stand on the disk once, under many names."""
     drive = tiny.write_recording(root / "drive")
-    for folder in ("images", "lidar", "truth"):
-        shutil.rmtree(drive / folder)
+    shutil.rmtree(drive / "truth")
+    points = np.random.default_rng(1).uniform(-20, 20, (4000, 3)).astype(np.float32)
+    np.savez(drive / f"lidar/{tiny.TIMES_NS[0]}.npz", points_lidar=points)
     times_ns = tiny.TIMES_NS[0] + np.arange(frames, dtype=np.int64) * tiny.STEP_NS
+    for first in (drive / f"images/front/{times_ns[0]}.png", drive / f"lidar/{times_ns[0]}.npz"):
+        for time_ns in times_ns[3:]:
+            first.with_stem(str(time_ns)).hardlink_to(first)
     writer = RecordingWriter(drive)
-    writer.image("front", int(times_ns[0]), tiny.pixels(0))
-    first = drive / "images" / "front" / f"{times_ns[0]}.png"
-    linked(first, [first.with_name(f"{t}.png") for t in times_ns[1:]])
-    (drive / "lidar").mkdir()
-    first = drive / "lidar" / f"{times_ns[0]}.npz"
-    np.savez(first, points_lidar=np.random.default_rng(1).uniform(-20, 20, (4000, 3)).astype(np.float32))
-    linked(first, [first.with_name(f"{t}.npz") for t in times_ns[1:]])
     writer.bus_signals(timestamps_ns=times_ns, speed_mps=np.full(frames, 3.0), yaw_rate_radps=np.zeros(frames))
     van = tiny.tracks()[0]
     writer.annotations([replace(van, states=tuple(replace(van.states[0], timestamp_ns=int(t)) for t in times_ns))])

@@ -3,8 +3,8 @@
 import pytest
 
 from bench.errors import DataError
-from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated, load_card, open_dataset, open_native
-from bench.records.recording import ALWAYS_NS
+from bench.recordings import load_card, open_dataset, open_native
+from bench.records.recording import ALWAYS_NS, COMPLETELY, NOT_ANNOTATED, Annotated
 from tests.support import tiny
 from tests.support.cards import write_card
 from tests.support.planting import change_head

@@ -3,18 +3,19 @@
 import json
 import re
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from bench.commands.schemas import json_schema
 from bench.errors import DataError, UsageError
 from bench.geometry import RigidTransform
 from bench.recordings import (
-    MOTION_KINDS,
     Cuboid,
     GroundPolygon,
     ObjectState,
@@ -23,6 +24,7 @@ from bench.recordings import (
     read_annotations,
     write_annotations,
 )
+from bench.records.recording import MOTION_KINDS
 from bench.records.reference import Category
 from tests.support import tiny
 
@@ -55,58 +57,37 @@ def assert_same_tracks(some, others):
                 assert state.shape.vehicle_from_object.rotation == pytest.approx(rotation, abs=1e-12)
 
 
-number = st.floats(-1e4, 1e4)
-size = st.floats(0.01, 30)
-cuboids = st.builds(
-    lambda wxyz, place, sizes: Cuboid(
-        vehicle_from_object=RigidTransform.from_quaternion(wxyz, place), size_m=np.array(sizes)
-    ),
-    st.tuples(*[st.floats(0.1, 1)] * 4),
-    st.tuples(number, number, number),
-    st.tuples(size, size, size),
-)
+number, size, times_ns = st.floats(-1e4, 1e4), st.floats(0.01, 30), st.integers(0, 2**62)
+vectors = hnp.arrays(np.float64, 3, elements=number)
+poses = st.builds(RigidTransform.from_quaternion, st.tuples(*[st.floats(0.1, 1)] * 4), vectors)
+cuboids = st.builds(Cuboid, vehicle_from_object=poses, size_m=hnp.arrays(np.float64, 3, elements=size))
 outlines = st.builds(
-    lambda points, bottom, height: GroundPolygon(outline_m=np.array(points), bottom_m=bottom, top_m=bottom + height),
-    st.lists(st.tuples(number, number), min_size=3, max_size=6),
+    lambda points, bottom, height: GroundPolygon(outline_m=points, bottom_m=bottom, top_m=bottom + height),
+    hnp.arrays(np.float64, st.tuples(st.integers(3, 6), st.just(2)), elements=number),
     st.floats(-3, 3),
     size,
 )
-indices = st.builds(
-    lambda rows, time_ns: PointIndices(indices=np.array(rows, dtype=np.int64), sweep_timestamp_ns=time_ns),
-    st.lists(st.integers(0, 10**6), max_size=5),
-    st.integers(0, 2**62),
-)
+rows = hnp.arrays(np.int64, st.integers(0, 5), elements=st.integers(0, 10**6))
 states = st.builds(
-    lambda time_ns, shape, velocity, rate, category, unclear: ObjectState(
-        timestamp_ns=time_ns,
-        shape=shape,
-        velocity_mps=np.full(3, np.nan) if velocity is None else np.array(velocity),
-        yaw_rate_radps=rate,
-        category=category,
-        unclear=unclear,
-    ),
-    st.integers(0, 2**62),
-    cuboids | outlines | indices,
-    st.none() | st.tuples(number, number, number),
-    number,
-    st.none() | st.sampled_from(["crossing", "preceding"]),
-    st.booleans(),
+    ObjectState,
+    timestamp_ns=times_ns,
+    shape=cuboids | outlines | st.builds(PointIndices, indices=rows, sweep_timestamp_ns=times_ns),
+    velocity_mps=vectors | st.just(np.full(3, np.nan)),
+    yaw_rate_radps=number,
+    category=st.none() | st.sampled_from(["crossing", "preceding"]),
+    unclear=st.booleans(),
 )
+time_of = attrgetter("timestamp_ns")
 some_tracks = st.lists(
     st.builds(
-        lambda name, kind, some, instance: Track(
-            track_id=name,
-            object_class=kind,
-            states=tuple(sorted(some, key=lambda state: state.timestamp_ns)),
-            instance_id=instance,
-        ),
-        st.text(st.characters(codec="utf-8"), min_size=1, max_size=5),
-        st.sampled_from(["pedestrian", "cyclist", "vehicle", "animal"]),
-        st.lists(states, max_size=3, unique_by=lambda state: state.timestamp_ns),
-        st.none() | st.integers(1, 65535),
+        Track,
+        track_id=st.text(st.characters(codec="utf-8"), min_size=1, max_size=5),
+        object_class=st.sampled_from(["pedestrian", "cyclist", "vehicle", "animal"]),
+        states=st.lists(states, max_size=3, unique_by=time_of).map(lambda some: tuple(sorted(some, key=time_of))),
+        instance_id=st.none() | st.integers(1, 65535),
     ),
     max_size=3,
-    unique_by=lambda track: track.track_id,
+    unique_by=attrgetter("track_id"),
 )
 
 

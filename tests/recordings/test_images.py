@@ -18,6 +18,7 @@ from tests.hostile import files
 from tests.hostile.damage import damaged
 from tests.hostile.files import png_chunk
 from tests.support import tiny
+from tests.support.limits import at_most
 
 
 def stored(tmp_path, suffix, shape=(tiny.HEIGHT, tiny.WIDTH)):
@@ -101,18 +102,17 @@ def test_a_jpeg_without_its_last_lines_is_refused_though_its_end_is_marked(tmp_p
 
 
 @pytest.mark.parametrize("kind", JPEGS)
-def test_jpegs_whose_data_is_damaged_are_refused_as_far_as_the_decoder_sees_it(capfd, kind):
+def test_a_damaged_jpeg_is_refused_as_far_as_the_decoder_sees_it(capfd, kind):
     """It sees all that OpenCV prints a warning of; what leaves the stream in step is seen by neither."""
     content, random, refused = jpeg(kind), np.random.default_rng(7), 0
     for _ in range(60):
         place = int(random.integers(content.index(JPEG_SCAN) + 14, len(content) - 12))
-        damaged = content[:place] + random.bytes(10) + content[place + 10 :]
-        pixels = cv2.imdecode(np.frombuffer(damaged, np.uint8), cv2.IMREAD_GRAYSCALE)
+        changed = content[:place] + random.bytes(10) + content[place + 10 :]
+        pixels = cv2.imdecode(np.frombuffer(changed, np.uint8), cv2.IMREAD_GRAYSCALE)
         warned = "JPEG" in capfd.readouterr().err
         try:
-            seen = decode_image(damaged, file=Path("1.jpg"))
+            assert np.array_equal(decode_image(changed, file=Path("1.jpg")), pixels)
             assert not warned
-            assert np.array_equal(seen, pixels)
         except DataError:
             refused += 1
         assert capfd.readouterr().err == ""
@@ -142,6 +142,13 @@ def test_what_is_no_whole_image_is_refused(tmp_path, what):
     assert message in str(caught.value)
     with pytest.raises(DataError):
         read_mask(path, (tiny.WIDTH, tiny.HEIGHT))
+
+
+@pytest.mark.parametrize("what", files.NO_FILES)
+def test_nothing_waits_for_what_is_no_file(tmp_path, what):
+    files.NO_FILES[what](tmp_path / "9.png")
+    with at_most(60), pytest.raises(DataError, match=r"9\.png: expected an image file, got a .*, no regular file"):
+        read_image(ImageRef(camera="front", timestamp_ns=9, path=tmp_path / "9.png"), tiny.front_camera())
 
 
 def test_damage_of_a_png_is_refused_or_changes_nothing():

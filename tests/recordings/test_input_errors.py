@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import PinholeCamera
 from bench.egomotion import Trajectory, camera_motion
 from bench.geometry import RigidTransform, RoadPlane
-from bench.recordings import ImageRef, InputErrors, MountedCamera
+from bench.recordings import ImageRef, MountedCamera
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
+from bench.records.recording import InputErrors
 from tests.support.lenses import LENSES
 
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # vehicle from a camera that looks ahead

@@ -12,16 +12,8 @@ from bench.evaluation import load_protocol
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
 from bench.geometry.raster import Raster, rasterise
 from bench.lidar import LidarSweep
-from bench.recordings import (
-    COMPLETELY,
-    Cuboid,
-    ImageRef,
-    MountedCamera,
-    ObjectState,
-    Recording,
-    SweepRef,
-    Track,
-)
+from bench.recordings import Cuboid, ImageRef, MountedCamera, ObjectState, Recording, SweepRef, Track
+from bench.records.recording import COMPLETELY
 from bench.records.reference import (
     OBJECT_CLASSES,
     Category,

@@ -11,8 +11,8 @@ import pytest
 import shapely
 
 from bench.errors import DataError, UsageError
-from bench.recordings import COMPLETELY, NOT_ANNOTATED, Annotated, ImageRef, ObjectState, PointIndices, Track
-from bench.records.recording import ALWAYS_NS
+from bench.recordings import ImageRef, ObjectState, PointIndices, Track
+from bench.records.recording import ALWAYS_NS, COMPLETELY, NOT_ANNOTATED, Annotated
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, Status
 from bench.reference import ReferenceBuilder, build
 from bench.reference.bands import with_band

@@ -57,20 +57,17 @@ def motion(name: str) -> np.ndarray:
     return mask
 
 
-def write_data_set(root: Path, *, flat: bool = False) -> Path:
-    """Write the data set; `flat` as its readme has it, otherwise as its loader."""
-    masks = root / "motion_annotations" / "gtLabels"
-    calibrations = root / "calibration_data" / ("" if flat else "calibration")
-    later = root / "vehicle_data" / ("" if flat else "rgb_images")
-    before = root / "vehicle_data" / "previous_images"
+def write_data_set(root: Path) -> Path:
+    """Write the data set as its loader has it."""
+    masks, calibrations = root / "motion_annotations/gtLabels", root / "calibration_data/calibration"
+    later, before = root / "vehicle_data/rgb_images", root / "vehicle_data/previous_images"
     for folder in (masks, calibrations, later, before, root / "rgb_images", root / "previous_images"):
         folder.mkdir(parents=True, exist_ok=True)
     random = np.random.default_rng(5)
     for name in NAMES:
         pixels = random.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
         assert cv2.imwrite(str(root / "rgb_images" / f"{name}.png"), pixels)
-        suffix = "_PREV" if flat else "_prev"
-        assert cv2.imwrite(str(root / "previous_images" / f"{name}{suffix}.png"), np.roll(pixels, 1, axis=1))
+        assert cv2.imwrite(str(root / "previous_images" / f"{name}_prev.png"), np.roll(pixels, 1, axis=1))
         assert cv2.imwrite(str(masks / f"{name}.png"), motion(name))
         (calibrations / f"{name}.json").write_text(json.dumps(calibration(name.split("_")[1])))
         (later / f"{name}.json").write_text(json.dumps(vehicle(name, time_us=TIME_US)))

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 
 from bench.annotation import proposals, propose
-from bench.recordings import NOT_ANNOTATED, Annotated
 from bench.recordings.native import open_native
+from bench.records.recording import NOT_ANNOTATED, Annotated
 from bench.validation.fits.box_fit import check_unboxed
 from bench.validation.quick.boxes import check_boxes
 from bench.validation.quick.motion import check_motion

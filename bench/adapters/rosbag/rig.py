@@ -69,7 +69,6 @@ class CameraRig(MountedRig):
         time_offset_ns: added to the stamp to get the middle of the exposure.
         white_level: value of 16-bit images that is white; fixed, since flow compares images.
         body_polygons: outlines of the ego vehicle's own body, (u, v) in stored pixels.
-        ego_body_mask: image, relative to the data set's root, that is not 0 where the camera sees its own vehicle.
         rolling_shutter: null where all rows are exposed at once.
     """
 
@@ -79,7 +78,6 @@ class CameraRig(MountedRig):
     time_offset_ns: OffsetNs = 0
     white_level: WhiteLevel = MOST_WHITE
     body_polygons: tuple[Polygon, ...] = ()
-    ego_body_mask: str | None = None
     rolling_shutter: RollingShutterHead | None = None
 
 
@@ -194,14 +192,12 @@ class Rig(FileModel):
     """The rig file.
 
     Attributes:
-        frame_interval_ns: nominal time between images; null for the median of what the bag has.
         vehicle: the ego vehicle.
         cameras: by name.
         lidar: null without one, then nothing can be scored.
         ego_motion: of the ego vehicle.
     """
 
-    frame_interval_ns: int | None = Field(default=None, gt=0)
     vehicle: VehicleRig
     cameras: dict[Name, CameraRig] = Field(min_length=1)
     lidar: LidarRig | None = None

@@ -29,15 +29,9 @@ from bench.errors import DataError, OutputError, UnknownNameError, UsageError
 from bench.geometry import RigidTransform
 from bench.plain_text import listed
 from bench.plug_ins import imported, known_targets
-from bench.recordings import (
-    OBJECT_CLASSES,
-    Cuboid,
-    ObjectState,
-    Recording,
-    SweepRef,
-    Track,
-)
+from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import world_velocities, world_yaw_rates
+from bench.records.reference import OBJECT_CLASSES
 from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]

@@ -14,9 +14,10 @@ from bench.errors import BenchError, DataError
 from bench.methods.predictions.maps import STATEMENT, ImageSizes, Prediction
 from bench.plain_text import listed
 from bench.plain_yaml import parse_yaml
-from bench.recordings import NOT_ANNOTATED, DatasetCard, Exclusion, Recording, frame_gaps, open_dataset
+from bench.recordings import DatasetCard, Exclusion, Recording, open_dataset
 from bench.recordings.files import read_text
 from bench.recordings.validation import FileModel, validated
+from bench.records.recording import NOT_ANNOTATED, frame_gaps
 
 LARGEST_STATEMENT_BYTES = 100_000
 

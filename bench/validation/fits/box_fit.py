@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
-from bench.recordings import NOT_ANNOTATED, Cuboid, PointIndices, Recording, Track
+from bench.recordings import Cuboid, PointIndices, Recording, Track
+from bench.records.recording import NOT_ANNOTATED
 from bench.times import SECOND_NS
 from bench.validation.findings import Finding, Severity, box_of, new_finding, object_field
 from bench.validation.fits.box_returns import MARGINS_M, Beams, Boxes, BoxPath, Near, returns_held

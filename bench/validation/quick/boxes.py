@@ -13,8 +13,9 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.plain_text import listed
-from bench.recordings import COMPLETELY, NOT_ANNOTATED, Cuboid, Recording, Track
+from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
+from bench.records.recording import COMPLETELY, NOT_ANNOTATED
 from bench.validation.findings import Finding, Severity, annotation_file, boxes_of, new_finding, object_field, unusable
 
 Span = tuple[float, float]

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep, write_sweep
-from bench.recordings import NOT_ANNOTATED, Cuboid, ObjectState, Recording, SweepRef, Track
+from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
+from bench.records.recording import NOT_ANNOTATED
 
 SWEEPS = 6
 STEP_NS = 100_000_000
