@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -33,6 +33,7 @@ from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
 
+DRAWS = ("uniform", "choice", "steps", "each", "value", "sum", "product")
 DECIMALS = 4  # of drawn numbers: a tenth of a millimetre
 
 
@@ -83,89 +84,45 @@ class Sampler:
         """
         if isinstance(node, dict):
             if len(node) == 1 and (kind := next(iter(node))) in DRAWS:
-                return DRAWS[kind](self, node[kind], path, repeat)
+                return self._draw(kind, node[kind], path, repeat)
             return {key: self.drawn(part, f"{path}.{key}", repeat=repeat) for key, part in node.items()}
         if isinstance(node, list):
             return [self.drawn(part, f"{path}.{k}", repeat=repeat) for k, part in enumerate(node)]
         return node
 
-    def number(self, node: Any, path: str, repeat: int | None) -> float:
+    def _draw(self, kind: str, node: Any, path: str, repeat: int | None) -> Any:
+        if kind == "value":
+            if not isinstance(node, str) or node not in self.values:
+                raise DrawError(path, f"a name under values ({', '.join(self.values) or 'there are none'})", node)
+            rest = {name: value for name, value in self.values.items() if name != node}  # so that none can hold itself
+            return replace(self, values=rest).drawn(self.values[node], f"values.{node}")
+        if kind in {"uniform", "steps"}:
+            if not isinstance(node, list) or len(node) != 2:
+                raise DrawError(path, "two numbers, [from, to]", node)
+            low, high = (self._number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
+            share = self._share(path, repeat) if kind == "uniform" else self.index / max(self.count - 1, 1)
+            return round(low + (high - low) * share, DECIMALS)
+        if not isinstance(node, list) or not node:
+            raise DrawError(path, "a list of at least one", node)
+        if kind in {"sum", "product"}:
+            numbers = [self._number(part, f"{path}.{kind}.{k}", repeat) for k, part in enumerate(node)]
+            return round(math.fsum(numbers) if kind == "sum" else math.prod(numbers), DECIMALS)
+        row = int(self._share(path, repeat) * len(node)) if kind == "choice" else repeat
+        if row is None or row >= len(node):
+            raise DrawError(path, f"at most {len(node)} repeats of the actor", "none" if row is None else row + 1)
+        return self.drawn(node[row], f"{path}.{kind}.{row}", repeat=repeat)
+
+    def _number(self, node: Any, path: str, repeat: int | None) -> float:
         """A number, drawn or not."""
         value = self.drawn(node, path, repeat=repeat)
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise DrawError(path, "a number", value)
         return value
 
-    def share(self, path: str, repeat: int | None) -> float:
+    def _share(self, path: str, repeat: int | None) -> float:
         """The random number of a position in the file, from 0 to 1."""
         names = (self.series, self.index, self.attempt, path, "" if repeat is None else repeat)
         return float(named_rng(self.seed, "series", *names).random())
-
-
-def _uniform(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(sampler, node, path, repeat)
-    return round(low + (high - low) * sampler.share(path, repeat), DECIMALS)
-
-
-def _choice(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
-    options = _filled(node, path)
-    number = int(sampler.share(path, repeat) * len(options))
-    return sampler.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
-
-
-def _steps(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(sampler, node, path, repeat)
-    return round(low + (high - low) * (sampler.index / max(sampler.count - 1, 1)), DECIMALS)
-
-
-def _each(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
-    options = _filled(node, path)
-    if repeat is None or repeat >= len(options):
-        raise DrawError(path, f"at most {len(options)} repeats of the actor", "none" if repeat is None else repeat + 1)
-    return sampler.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
-
-
-def _value(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
-    if not isinstance(node, str) or node not in sampler.values:
-        raise DrawError(path, f"a name under values ({', '.join(sampler.values) or 'there are none'})", node)
-    rest = {name: value for name, value in sampler.values.items() if name != node}  # so that none can hold itself
-    return replace(sampler, values=rest).drawn(sampler.values[node], f"values.{node}")
-
-
-def _sum(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    parts = _filled(node, path)
-    return round(math.fsum(sampler.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
-
-
-def _product(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    parts = _filled(node, path)
-    return round(
-        math.prod(sampler.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS
-    )
-
-
-def _filled(node: Any, path: str) -> list[Any]:
-    if not isinstance(node, list) or not node:
-        raise DrawError(path, "a list of at least one", node)
-    return node
-
-
-def _two(sampler: Sampler, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
-    if not isinstance(node, list) or len(node) != 2:
-        raise DrawError(path, "two numbers, [from, to]", node)
-    low, high = (sampler.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
-    return low, high
-
-
-DRAWS: dict[str, Callable[[Sampler, Any, str, int | None], Any]] = {
-    "uniform": _uniform,
-    "choice": _choice,
-    "steps": _steps,
-    "each": _each,
-    "value": _value,
-    "sum": _sum,
-    "product": _product,
-}
 
 
 def named_rng(seed: int, *names: str | int) -> np.random.Generator:
