@@ -150,15 +150,6 @@ def refuse_twice(names: list[str], field: str) -> None:
         raise ValueError(f"{field}: names that occur once; {', '.join(twice)} does not")
 
 
-def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...]) -> None:
-    """Raise ValueError unless times increase and every profile has one value, or one for each time."""
-    if any(b <= a for a, b in pairwise(times_s)):
-        raise ValueError("times_s that increase")
-    for name, values in profiles.items():
-        if len(values) not in {1, len(times_s)}:
-            raise ValueError(f"{name}: one value, or one for each of the {len(times_s)} times")
-
-
 def interval_ns(rate_hz: float) -> int:
     """Time between two images or revolutions."""
     return math.floor(1e9 / rate_hz + 0.5)
@@ -232,7 +223,30 @@ def _known_body(kind: str) -> str:
     return kind
 
 
-class ActorSpec(FileModel):
+class DrivenSpec(FileModel):
+    """How something drives: values at `times_s`, linear in between, constant beyond; one value if steady.
+
+    Attributes:
+        times_s: after the first image, increasing.
+        yaw_rate_degps: positive to the left.
+        gear: "reverse" moves against the heading, tail first.
+    """
+
+    times_s: tuple[Number, ...] = (0.0,)
+    yaw_rate_degps: Annotated[tuple[Number, ...], OneOrMore] = (0.0,)
+    gear: Literal["forward", "reverse"] = "forward"
+
+    @model_validator(mode="after")
+    def _profile_fits(self) -> DrivenSpec:
+        if any(b <= a for a, b in pairwise(self.times_s)):
+            raise ValueError("times_s that increase")
+        for name in type(self).model_fields:
+            if name.startswith(("speed", "yaw_rate")) and len(getattr(self, name)) not in {1, len(self.times_s)}:
+                raise ValueError(f"{name}: one value, or one for each of the {len(self.times_s)} times")
+        return self
+
+
+class ActorSpec(DrivenSpec):
     """A body on the scene.
 
     Attributes:
@@ -241,10 +255,7 @@ class ActorSpec(FileModel):
         at_s: when it is at its position, after the first image.
         position_m: its middle on the ground, x forward and y left of where the ego vehicle's origin is at `at_s`.
         heading_deg: direction of travel at `at_s`, to the left of the ego vehicle's forward direction then.
-        times_s: of the profile below, after the first image, increasing.
-        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value if steady.
-        yaw_rate_degps: positive to the left; as `speed_mps`.
-        gear: "reverse" moves against the heading, tail first.
+        speed_mps: along the heading at `times_s`.
         floor_m: height of the ground below it, for someone on the pavement.
     """
 
@@ -253,40 +264,21 @@ class ActorSpec(FileModel):
     at_s: NotNegative = 0.0
     position_m: tuple[Number, Number]
     heading_deg: Number = 0.0
-    times_s: tuple[Number, ...] = (0.0,)
     speed_mps: Annotated[tuple[Speed, ...], OneOrMore] = (0.0,)
-    yaw_rate_degps: Annotated[tuple[Number, ...], OneOrMore] = (0.0,)
-    gear: Literal["forward", "reverse"] = "forward"
     floor_m: float = Field(default=0.0, ge=0, le=0.3)
 
-    @model_validator(mode="after")
-    def _profile_fits(self) -> ActorSpec:
-        refuse_misfit(self.times_s, speed_mps=self.speed_mps, yaw_rate_degps=self.yaw_rate_degps)
-        return self
 
-
-class EgoSpec(FileModel):
-    """`host` of a file, how the ego vehicle drives: values at `times_s`, linear in between; one value if steady.
+class EgoSpec(DrivenSpec):
+    """`host` of a file, how the ego vehicle drives.
 
     Attributes:
-        times_s: after the first image, increasing.
-        speed_kmh: over the ground, never negative.
-        yaw_rate_degps: positive to the left.
-        gear: "reverse" drives backwards.
+        speed_kmh: over the ground at `times_s`, never negative.
         ramp_s: time over which changes of acceleration and steering are spread, half of it before and half after; a
             driver's foot takes about 0.3 s.
     """
 
-    times_s: tuple[Number, ...] = (0.0,)
-    speed_kmh: tuple[Annotated[float, Field(ge=0, le=500)], ...]
-    yaw_rate_degps: tuple[Number, ...] = (0.0,)
-    gear: Literal["forward", "reverse"] = "forward"
+    speed_kmh: Annotated[tuple[Annotated[float, Field(ge=0, le=500)], ...], OneOrMore]
     ramp_s: float = Field(default=0.0, ge=0, le=2)
-
-    @model_validator(mode="after")
-    def _profile_fits(self) -> EgoSpec:
-        refuse_misfit(self.times_s, speed_kmh=self.speed_kmh, yaw_rate_degps=self.yaw_rate_degps)
-        return self
 
 
 class LidarSpec(FileModel):

@@ -126,7 +126,7 @@ def test_what_lies_behind_changes_nothing() -> None:
     body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     wall = quads([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
-    front, more = joined([ROAD, wall]), joined([behind, ROAD, wall])
+    front, more = joined(ROAD, wall), joined(behind, ROAD, wall)
     without, with_hidden = (image(renderer("overcast", world), body, 0.0) for world in (front, more))
     assert np.array_equal(without.instance_ids, with_hidden.instance_ids)
     assert np.array_equal(without.distances_m, with_hidden.distances_m)

@@ -38,7 +38,7 @@ def block() -> PlacedMesh:
 def test_shadow_falls_where_the_sun_throws_it(moving: bool) -> None:
     # At 45 degrees from +y the shadow of heights 1 to 2 m and of y from -0.5 to 0.5 covers y from -2.5 to -0.5.
     placed = [block()] if moving else []
-    world = ROAD if moving else joined([ROAD, block().mesh])
+    world = ROAD if moving else joined(ROAD, block().mesh)
     image = seen(*placed, kind="sunny", sun=(0, 1, 1), world=world)
     y_m = -(np.arange(201) - 100) / 100 * 5.0
     row = image.pixels[100].astype(float)
@@ -75,14 +75,14 @@ def test_sky_stands_still_when_the_camera_drives() -> None:
 def test_panes_mirror_more_at_a_grazing_angle() -> None:
     pane = Surface(albedo=0.1, contrast=0.0, mirror=0.08)
     walls = [quads([[x0, 2, 0], [x0 + 2, 2, 0], [x0 + 2, 2, 8], [x0, 2, 8]], pane) for x0 in (3, 19)]
-    image = seen(kind="overcast", sun=(0, 1, 1), world=joined([ROAD, *walls]), mounting=AHEAD)
+    image = seen(kind="overcast", sun=(0, 1, 1), world=joined(ROAD, *walls), mounting=AHEAD)
     near, far = image.pixels[30:60, 50], image.pixels[80:90, 91]
     assert far.mean() > near.mean() + 20
 
 
 def test_headlights_light_the_road_ahead_and_bodies_shade_it() -> None:
     screen = PlacedMesh(mesh=box([0.1, 3, 1.5], [12, 0, 0.75], PLAIN), instance_id=1)
-    wall = joined([ROAD, quads([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN)])
+    wall = joined(ROAD, quads([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN))
     mounting = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 1.8]))  # sees over the screen
     without = seen(kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)
     shaded = seen(screen, kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)

@@ -65,7 +65,7 @@ def facing_west(x_m: float, albedo: float) -> Mesh:
 
 
 def test_of_faces_that_lie_on_each_other_the_first_is_met() -> None:
-    layers = joined([facing_west(30.1, 0.5), facing_west(30.1, 0.2), facing_west(30.1, 0.8), facing_west(30.2, 0.1)])
+    layers = joined(facing_west(30.1, 0.5), facing_west(30.1, 0.2), facing_west(30.1, 0.8), facing_west(30.2, 0.1))
     assert depths_m(layers) == pytest.approx(np.repeat([0.0, 2e-4, 4e-4, 0.0], 2))
     rng = np.random.default_rng(3)
     rays = np.column_stack([np.ones(2000), *rng.uniform(-0.08, 0.08, (2, 2000))])
@@ -76,4 +76,4 @@ def test_of_faces_that_lie_on_each_other_the_first_is_met() -> None:
 
 def test_faces_side_by_side_or_of_one_look_lie_at_no_depth() -> None:
     beside = quads([[30.1, 15, 0], [30.1, 5, 0], [30.1, 5, 5], [30.1, 15, 5]], Surface(albedo=0.2, contrast=0.0))
-    assert not depths_m(joined([facing_west(30.1, 0.5), facing_west(30.1, 0.5), beside])).any()
+    assert not depths_m(joined(facing_west(30.1, 0.5), facing_west(30.1, 0.5), beside)).any()

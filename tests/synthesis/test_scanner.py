@@ -89,7 +89,7 @@ def test_beams_of_two_blocks_start_where_the_calibration_says() -> None:
 def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces(beams: str) -> None:
     motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
     near = quads([[6.0, 20, 0], [6.0, 3, 0], [6.0, 3, 8], [6.0, 20, 8]], GREY)
-    sweep = scan(scanner(joined([floor(), near, wall(22.0)]), motion, beams=beams))
+    sweep = scan(scanner(joined(floor(), near, wall(22.0)), motion, beams=beams))
 
     def farthest_off_m(motion: EgoMotion) -> float:
         x, _, z = placed(sweep, motion).T
@@ -161,7 +161,7 @@ def test_windows_of_cars_and_houses_are_panes() -> None:
 
 
 def test_intensity_tells_albedo_and_incidence() -> None:
-    world = joined([wall(10.0, Surface(albedo=0.5, contrast=0.0))])
+    world = joined(wall(10.0, Surface(albedo=0.5, contrast=0.0)))
     sweep = scan(scanner(world, ego(), sector_deg=20))
     assert sweep.intensity is not None
     assert sweep.intensity.dtype == np.float32
@@ -205,7 +205,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(b
     assert (np.abs(local_m[:, :2]) <= half_m[:2] + 4e-3).all()
     assert (local_m[:, 2] <= body.size_m[2] + 4e-3).all()
     # Each pulse has one echo: the car takes as many as the world loses.
-    room = joined([floor(), wall(16.0)])
+    room = joined(floor(), wall(16.0))
     with_car, without = (
         scan(scanner(room, motion, actors, sector_deg=60, max_range_m=100, beams=beams)) for actors in ((car,), ())
     )

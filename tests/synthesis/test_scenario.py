@@ -13,10 +13,10 @@ from bench.synthesis import read_scenario
 from bench.synthesis.ego import OUTLINE_M
 from bench.synthesis.scenario import DrawError, Sampler, SeriesSpec
 from bench.synthesis.scene import (
+    MovingOutline,
     box_outline,
     box_size,
     first_clash,
-    footprints,
     plan_trajectories,
     swept_ground,
     watched_times,
@@ -224,15 +224,16 @@ def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
     grounds = swept_ground(trajectories, sizes)
     assert len(grounds) == 1 + len(spec.actors)
     fine = np.arange(watched_times(trajectories)[0], watched_times(trajectories)[-1], 7_000_000, dtype=np.int64)
-    rows = [footprints(trajectories.ego.at(fine), OUTLINE_M)]
-    rows += [footprints(way.at(fine), box_outline(size)) for way, size in zip(trajectories.actors, sizes, strict=True)]
-    for ground, row in zip(grounds, rows, strict=True):
-        assert shapely.contains(ground, row).all()
+    outlines_m = [OUTLINE_M, *map(box_outline, sizes)]
+    for ground, path, outline_m in zip(grounds, (trajectories.ego, *trajectories.actors), outlines_m, strict=True):
+        footprints = MovingOutline(poses=path.at(fine), outline_m=outline_m).footprints()
+        assert shapely.contains(ground, footprints).all()
 
 
 def test_footprint_is_the_outline_where_the_body_is(scenario_file: Path) -> None:
     scenario = read_scenario(scenario_file)
     trajectories = plan_trajectories(scenario, scenario.recordings[0])
-    walker = footprints(trajectories.actors[0].at([0]), box_outline(np.array([0.8, 0.5, 1.7])))[0]
+    outline_m = box_outline(np.array([0.8, 0.5, 1.7]))
+    (walker,) = MovingOutline(poses=trajectories.actors[0].at([0]), outline_m=outline_m).footprints()
     # Walks to the left from (8, -1): its length lies across the ego vehicle's lane.
     assert shapely.bounds(walker) == pytest.approx([7.75, -1.4, 8.25, -0.6])

@@ -210,7 +210,7 @@ def _wheel(radius_m: float, width_m: float, spokes: int, sign: float) -> Mesh:
     tyre = loft([size * radius_m * around - share * width_m * out for share, size in PROFILE], RUBBER)
     rim = tube(-0.1 * width_m * out, 0.004 * out, 0.66 * radius_m, PLASTIC, sides=14)
     cap = tube(0.0 * out, 0.018 * out, 0.15 * radius_m, ALLOY, sides=6)
-    return joined([tyre, rim, cap, _spokes(0.62 * radius_m, spokes, out)])
+    return joined(tyre, rim, cap, _spokes(0.62 * radius_m, spokes, out))
 
 
 def _spokes(length_m: float, count: int, out: NDArray[np.float64]) -> Mesh:
