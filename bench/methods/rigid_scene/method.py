@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -15,10 +15,11 @@ from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
 from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates
-from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
+from bench.methods.rigid_scene.evidence import Evidence, EvidenceSettings, gather_evidence
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.outlines import Pair, draw_objects
 from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, warp
+from bench.methods.settings import set_groups
 from bench.records.segmentation import Segmentation
 
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
@@ -29,15 +30,12 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidSceneMethod(FlowMethod):
+class RigidSceneMethod(EvidenceSettings, FlowMethod):
     """Objects that no rigid scene explains, by flow, grey values and what stands on the road.
 
     Attributes:
         first_guess: flow starts from the motion of road and horizon; else from none.
         refine_motion: the recorded motion is corrected by the images.
-        sigmas: the flow's own uncertainty is the unit of deviations; else `constant_px`.
-        photometric: a cell is static where some static depth explains the grey values as well as its flow does.
-        light: what shows the road's own texture is static, whatever shadow or headlight moves over it.
         own_effects: a region through which the road is seen to move is the ego vehicle's own shadow or light; by three
             images.
         long_baseline: slow objects are also looked for in a pair of images that are further apart, where there is one.
@@ -45,12 +43,6 @@ class RigidSceneMethod(FlowMethod):
         flow_parameters: what the flow takes; without any, "dis" is fast and matches up to its image's own size.
         accuracy: of the recorded motion.
         objects: thresholds, growth and outlines.
-        nearest_m: nothing static is nearer to the camera.
-        tilt_rad: uncertainty of the road's plane as the lower bound of heights.
-        floor_px: accuracy of the flow where texture is plenty, at half the size.
-        constant_px: unit of deviations without `sigmas`, at half the size; a third of the paper's 0.24 px at 165 px per
-            radian, since the threshold is in standard deviations.
-        texture: correlation from which the road's texture is recognised.
         slow_px: the long pair adds what deviates by less, at half the size; faster objects have changed too much.
 
     Source:
@@ -63,27 +55,16 @@ class RigidSceneMethod(FlowMethod):
 
     first_guess: bool = True
     refine_motion: bool = True
-    sigmas: bool = True
-    photometric: bool = True
-    light: bool = True
     own_effects: bool = True
     long_baseline: bool = True
     flow: str = "dis"
     flow_parameters: dict[str, object] = field(default_factory=dict)
     accuracy: MotionAccuracy = field(default_factory=MotionAccuracy)
     objects: ObjectSettings = field(default_factory=ObjectSettings)
-    nearest_m: float = 1.0
-    tilt_rad: float = 0.01
-    floor_px: float = 0.1
-    constant_px: float = 0.06
-    texture: float = 0.5
     slow_px: float = 2.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.accuracy, Mapping):
-            object.__setattr__(self, "accuracy", MotionAccuracy(**self.accuracy))
-        if isinstance(self.objects, Mapping):
-            object.__setattr__(self, "objects", ObjectSettings(**self.objects))
+        set_groups(self, accuracy=MotionAccuracy(), objects=ObjectSettings())
         if min(self.nearest_m, self.floor_px, self.constant_px, self.slow_px) <= 0 or self.tilt_rad < 0:
             raise UsageError(
                 f"{self.name}: expected nearest_m, floor_px, constant_px and slow_px > 0 and tilt_rad >= 0"
@@ -169,18 +150,7 @@ class RigidSceneMethod(FlowMethod):
             scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
         guess, warped, neutral = warp(current, previous, valid=given.valid, scene=scene)
         guided = replace(guided, guess=guess, warped=warped, neutral=neutral | guided.neutral)
-        return gather_evidence(
-            current,
-            previous,
-            guided,
-            scene,
-            tilt_rad=self.tilt_rad,
-            nearest_m=self.nearest_m,
-            floor_px=self.floor_px,
-            texture=self.texture if self.light else None,
-            constant_px=None if self.sigmas else self.constant_px,
-            photometric=self.photometric,
-        )
+        return gather_evidence(current, previous, guided, scene, self)
 
     def _guided_flow(self, given: MethodInput, back: int, scene: RigidScene) -> GuidedFlow:
         return guided_flow(

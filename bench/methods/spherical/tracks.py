@@ -16,8 +16,10 @@ from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker, Tracks
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
+from bench.methods.settings import set_groups
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
+    ALONE,
     CONSTRAINTS,
     PAPER_ANGLE_RAD,
     PAPER_WEIGHTS,
@@ -26,7 +28,6 @@ from bench.methods.spherical.likelihood import (
     ConstraintWeights,
     LikelihoodMap,
     SphericalSettings,
-    alone,
 )
 from bench.methods.spherical.method import SphericalMethod
 from bench.methods.two_views import extra_motion, flow_parts
@@ -38,7 +39,6 @@ Value = TypeVar("Value", bound=np.generic)
 # xi_e and xi_d are first differences, with 2 times. So by this weight tracking noise counts the same in both.
 THREE_VIEW_WEIGHT = 3**-0.5
 _WEIGHTS = ConstraintWeights(three_view=THREE_VIEW_WEIGHT)
-_ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +69,7 @@ class SparseSphericalMethod(SphericalSettings, Method):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.tracker, dict):
-            object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))
+        set_groups(self, tracker=LucasKanadeTracker())
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image; see `bench.methods.contract`."""
@@ -127,8 +126,8 @@ class ThreeViewOnly(SparseSphericalMethod):
     """The three-view constraint alone, on Lucas-Kanade tracks; needs scale, sees changes of speed and crossing."""
 
     name = "three-view-only"
-    weights: ConstraintWeights = _ALONE[0]
-    threshold: float = _ALONE[1]
+    weights: ConstraintWeights = ALONE[THREE_VIEW]
+    threshold: float = PAPER_ANGLE_RAD / THREE_VIEW_WEIGHT
 
 
 def _rays(frame: MethodInput, tracks: Tracks) -> tuple[Floats, Bools]:
@@ -188,15 +187,10 @@ class VisualOdometryMethod(SphericalMethod):
         allowed = PAPER_WEIGHTS if self.scale == "given" else SCALE_FREE
         if self.weights is SCALE_FREE:
             object.__setattr__(self, "weights", allowed)
-        elif isinstance(self.weights, dict):
-            object.__setattr__(self, "weights", replace(allowed, **self.weights))
         if math.isnan(self.threshold):
             object.__setattr__(self, "threshold", PAPER_ANGLE_RAD / allowed.total)
+        set_groups(self, weights=allowed, tracker=LucasKanadeTracker(), odometry=VisualOdometry())
         super().__post_init__()
-        if isinstance(self.tracker, dict):
-            object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))
-        if isinstance(self.odometry, dict):
-            object.__setattr__(self, "odometry", VisualOdometry(**self.odometry))
         if self.scale not in get_args(Scale):
             raise UsageError(f"scale: expected {' or '.join(get_args(Scale))}, got {self.scale!r}")
         asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
