@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from bench.errors import DataError, UsageError
 from bench.plain_yaml import parse_yaml
+
+Positive = Annotated[float, Field(gt=0)]
 
 
 def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dict[str, Any]:

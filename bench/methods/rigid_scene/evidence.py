@@ -11,12 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, at_every_pixel, box_mean, sampled
+from bench.methods.settings import Positive
 
 Image = NDArray[np.float32]
 GRADIENT_NOISE = 2 * (3**2 + 10**2 + 3**2) / 32**2  # variance of Scharr's gradient, for pixels of variance 1
@@ -222,10 +225,10 @@ class EvidenceSettings:
     sigmas: bool = True
     photometric: bool = True
     light: bool = True
-    nearest_m: float = 1.0
-    tilt_rad: float = 0.01
-    floor_px: float = 0.1
-    constant_px: float = 0.06
+    nearest_m: Positive = 1.0
+    tilt_rad: Annotated[float, Field(ge=0)] = 0.01
+    floor_px: Positive = 0.1
+    constant_px: Positive = 0.06
     texture: float = 0.5
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
-from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
 from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates
@@ -19,7 +18,7 @@ from bench.methods.rigid_scene.evidence import Evidence, EvidenceSettings, gathe
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.outlines import Pair, draw_objects
 from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, warp
-from bench.methods.settings import set_groups
+from bench.methods.settings import Positive, set_groups
 from bench.records.segmentation import Segmentation
 
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
@@ -61,14 +60,10 @@ class RigidSceneMethod(EvidenceSettings, FlowMethod):
     flow_parameters: dict[str, object] = field(default_factory=dict)
     accuracy: MotionAccuracy = field(default_factory=MotionAccuracy)
     objects: ObjectSettings = field(default_factory=ObjectSettings)
-    slow_px: float = 2.0
+    slow_px: Positive = 2.0
 
     def __post_init__(self) -> None:
         set_groups(self, accuracy=MotionAccuracy(), objects=ObjectSettings())
-        if min(self.nearest_m, self.floor_px, self.constant_px, self.slow_px) <= 0 or self.tilt_rad < 0:
-            raise UsageError(
-                f"{self.name}: expected nearest_m, floor_px, constant_px and slow_px > 0 and tilt_rad >= 0"
-            )
         self._dense_flow()
 
     def _dense_flow(self) -> FarnebackFlow | DisFlow:

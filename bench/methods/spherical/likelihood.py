@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, fields
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from bench.errors import UsageError
 from bench.geometry import Bools, Floats, RigidTransform, RoadPlane
-from bench.methods.settings import set_groups
+from bench.methods.settings import Positive, set_groups
 from bench.methods.spherical.constraints import PAPER, Deviations, Variants, deviations, static_camera_deviation
 from bench.methods.two_views import rotated_halfway
 from bench.records.segmentation import PAPER_THRESHOLD
@@ -141,19 +143,16 @@ class SphericalSettings:
         variants: departures from the paper's constraints.
         root_sum: hypot of epipolar and positive depth instead of their sum.
 
-    Raises:
-        UsageError: a number that is out of its domain.
-
     Source:
         Mariotti and Eising, section III; constants of section III-H and IV.
     """
 
-    cell_size_px: int = 5
+    cell_size_px: Annotated[int, Field(ge=1)] = 5
     weights: ConstraintWeights = PAPER_WEIGHTS
     lambda_height: float = 0.001
     lambda_anti_parallel: float = 0.001
-    threshold: float = PAPER_THRESHOLD
-    static_threshold: float = PAPER_THRESHOLD
+    threshold: Positive = PAPER_THRESHOLD
+    static_threshold: Positive = PAPER_THRESHOLD
     static_below_m: float = 0.05 / 15
     lambda_static_m: float = 0.02
     min_epipole_sine: float = 0.01
@@ -162,8 +161,6 @@ class SphericalSettings:
 
     def __post_init__(self) -> None:
         set_groups(self, weights=type(self).weights, variants=PAPER)
-        if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
-            raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
 
     def likelihood_of_rays(
         self,

@@ -14,6 +14,7 @@ from bench.geometry import Bools, RigidTransform
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, guided_flow
+from bench.methods.settings import Positive
 from bench.methods.spherical.likelihood import (
     ALONE,
     CONSTRAINTS,
@@ -171,7 +172,7 @@ class EpipolarOnly(SphericalMethod):
 
     name = "epipolar-only"
     weights: ConstraintWeights = ALONE["epipolar"]
-    threshold: float = PAPER_ANGLE_RAD / PAPER_WEIGHTS.epipolar
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.epipolar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +181,7 @@ class PositiveDepthOnly(SphericalMethod):
 
     name = "positive-depth-only"
     weights: ConstraintWeights = ALONE["positive_depth"]
-    threshold: float = PAPER_ANGLE_RAD / PAPER_WEIGHTS.positive_depth
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.positive_depth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +190,7 @@ class PositiveHeightOnly(SphericalMethod):
 
     name = "positive-height-only"
     weights: ConstraintWeights = ALONE["positive_height"]
-    threshold: float = PAPER_ANGLE_RAD / PAPER_WEIGHTS.positive_height
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.positive_height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,4 +199,4 @@ class AntiParallelOnly(SphericalMethod):
 
     name = "anti-parallel-only"
     weights: ConstraintWeights = ALONE["anti_parallel"]
-    threshold: float = PAPER_ANGLE_RAD / PAPER_WEIGHTS.anti_parallel
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.anti_parallel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar, get_args
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from bench.errors import UsageError
 from bench.flow import LucasKanadeTracker, Tracks
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
-from bench.methods.settings import set_groups
+from bench.methods.settings import Positive, set_groups
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
     ALONE,
@@ -64,7 +64,7 @@ class SparseSphericalMethod(SphericalSettings, Method):
     longest_history = 2
 
     weights: ConstraintWeights = _WEIGHTS
-    threshold: float = PAPER_ANGLE_RAD / _WEIGHTS.total
+    threshold: Positive = PAPER_ANGLE_RAD / _WEIGHTS.total
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
 
     def __post_init__(self) -> None:
@@ -127,7 +127,7 @@ class ThreeViewOnly(SparseSphericalMethod):
 
     name = "three-view-only"
     weights: ConstraintWeights = ALONE[THREE_VIEW]
-    threshold: float = PAPER_ANGLE_RAD / THREE_VIEW_WEIGHT
+    threshold: Positive = PAPER_ANGLE_RAD / THREE_VIEW_WEIGHT
 
 
 def _rays(frame: MethodInput, tracks: Tracks) -> tuple[Floats, Bools]:
@@ -178,7 +178,7 @@ class VisualOdometryMethod(SphericalMethod):
     name = "spherical-visual-odometry"
 
     weights: ConstraintWeights = SCALE_FREE
-    threshold: float = math.nan
+    threshold: Positive = math.nan
     scale: Scale = "none"
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
     odometry: VisualOdometry = field(default_factory=VisualOdometry)
@@ -191,8 +191,6 @@ class VisualOdometryMethod(SphericalMethod):
             object.__setattr__(self, "threshold", PAPER_ANGLE_RAD / allowed.total)
         set_groups(self, weights=allowed, tracker=LucasKanadeTracker(), odometry=VisualOdometry())
         super().__post_init__()
-        if self.scale not in get_args(Scale):
-            raise UsageError(f"scale: expected {' or '.join(get_args(Scale))}, got {self.scale!r}")
         asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
         if self.scale == "none" and asked:
             raise UsageError(
