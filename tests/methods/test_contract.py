@@ -11,7 +11,7 @@ import pytest
 from bench.cameras import ray_grid
 from bench.errors import UnknownNameError, UsageError
 from bench.harness.exact import require_scorable
-from bench.methods import METHODS, FlowMethod, Method, UnansweredImage, build_method, describe_method, known_methods
+from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
 from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
 
@@ -123,13 +123,6 @@ class NoMethod:
 
     def segment(self, frame):
         raise NotImplementedError
-
-
-@pytest.mark.parametrize("name", ["rigid-scene", "learned", "followed"])
-def test_without_ego_motion_a_method_that_needs_it_says_so(name):
-    given = replace(frame(*crossing()[:2], STEP), current_from_previous=())
-    with pytest.raises(UnansweredImage, match="ego-motion"):
-        build_method(name).segment(given)
 
 
 HERE = f"{__name__}:"

@@ -103,11 +103,7 @@ class LearnedMethod(Method):
         return file, file.with_suffix(".json")
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image; see `bench.methods.contract`.
-
-        Raises:
-            UnansweredImage: there is no ego-motion.
-        """
+        """Segment the last image; see `bench.methods.contract`."""
         views, trained = Views.of(frame), self.trained
         valid = resized(frame.valid.astype(np.uint8) * 255, views.fine[-1].shape[::-1]) > 250
         scores = self.scores(network_input(views, trained.coarse, trained.fine))

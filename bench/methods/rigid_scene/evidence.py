@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, at_every_pixel, box_mean, sampled
+from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, at_every_pixel, box_mean, sampled, spread
 from bench.methods.settings import Positive
 
 Image = NDArray[np.float32]
@@ -298,8 +298,8 @@ def gather_evidence(
         edge=edge,
         road_seen=_road_seen(now, warped, noise, fall, settings),
         fall=fall,
-        too_low=_spread(too_low, width, height),
-        beyond=_spread(place == 0, width, height),
+        too_low=spread(too_low, now.shape),
+        beyond=spread(place == 0, now.shape),
         inverse_depth=_at_places(place, [at_every_pixel(depths[k].astype(np.float32), scene.camera) for k in chosen]),
         from_road_px=np.hypot(offset[..., 0], offset[..., 1]),
         from_road_sigmas=np.sqrt(np.maximum(information.squared(offset[..., 0], offset[..., 1]), 0)),
@@ -357,10 +357,6 @@ def _at_places(place: Image, values: list[Image]) -> Image:
     second = np.minimum(first + 1, len(stack) - 1)
     a, b = (np.take_along_axis(stack, index[None], axis=0)[0] for index in (first, second))
     return np.asarray(a + (place - first) * (b - a), dtype=np.float32)
-
-
-def _spread(cells: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:
-    return np.asarray(cv2.resize(cells.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0)
 
 
 def _enlarged(cells: Image, width: int, height: int) -> Image:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
-from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
+from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates
 from bench.methods.rigid_scene.evidence import Evidence, EvidenceSettings, gather_evidence
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.outlines import Pair, draw_objects
-from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, warp
+from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, spread, warp
 from bench.methods.settings import Positive, set_groups
 from bench.records.segmentation import Segmentation
 
@@ -25,7 +24,6 @@ FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "fine
 KNOWN_SHARE = 0.2  # a region of the long pair that the short one covers by so much is nothing new
 CAUSES = ("epipolar", "positive_depth", "positive_height", "floating")
 STATIC_CAUSE = "static_camera"
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +68,7 @@ class RigidSceneMethod(EvidenceSettings, FlowMethod):
         return dense_flow(self.flow, **(self.flow_parameters or FLOW_PARAMETERS.get(self.flow, {})))
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image; see `bench.methods.contract`.
-
-        Raises:
-            UnansweredImage: there is no ego-motion, without which no rigid scene can be told from a moving one.
-        """
-        if not frame.current_from_previous:
-            raise UnansweredImage("rigid-scene: expected the ego-motion between the images, got none")
+        """Segment the last image; see `bench.methods.contract`."""
         return self.segment_flow(frame, None)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32] | None) -> Segmentation:
@@ -97,13 +89,13 @@ class RigidSceneMethod(EvidenceSettings, FlowMethod):
         for pair in pairs[1:]:
             slow = find_candidates(pair.evidence, self.objects, slow_px=self.slow_px)
             mask |= self._drawn(_not_yet_known(slow, mask), views, pairs[::-1])
-        valid = cv2.resize(frame.valid.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        valid = spread(frame.valid, mask.shape)
         return Segmentation(
             cell_size_px=views.cell_size_px,
             mask=mask & valid,
-            undefined=_spread(short.edge, mask.shape) | ~valid,
+            undefined=spread(short.edge, mask.shape) | ~valid,
             causes=CAUSES if short.moves else (STATIC_CAUSE,),
-            cause=_spread(_cause(short, candidates), mask.shape),
+            cause=spread(_cause(short, candidates), mask.shape),
             parts=_parts(short, mask.shape),
         )
 
@@ -168,15 +160,9 @@ def _flow_at(
     return flow * np.array((size[1] / was[1], size[0] / was[0]), np.float32)
 
 
-def _spread(values: NDArray[Scalar], shape: tuple[int, int]) -> NDArray[Scalar]:
-    """Values of the small size at the fine one, nearest."""
-    spread = cv2.resize(values.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return np.asarray(spread).astype(values.dtype)
-
-
 def _not_yet_known(further: Candidates, mask: NDArray[np.bool_]) -> Candidates:
     """Regions that a mask does not hold yet, and those that stand on the road, which may grow."""
-    seen = _spread(mask, further.region.shape)
+    seen = spread(mask, further.region.shape)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(further.region.astype(np.uint8), connectivity=8)
     known = np.bincount(labels[seen], minlength=count) > KNOWN_SHARE * boxes[:, cv2.CC_STAT_AREA]
     keep = ~known | (np.bincount(labels[further.standing], minlength=count) > 0)

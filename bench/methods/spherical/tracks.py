@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from bench.cameras import RayGrid, ray_grid
 from bench.egomotion import VisualOdometry
 from bench.errors import UsageError
-from bench.flow import LucasKanadeTracker, Tracks
+from bench.flow import LucasKanadeTracker
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
 from bench.methods.settings import Positive, set_groups
@@ -74,7 +74,8 @@ class SparseSphericalMethod(SphericalSettings, Method):
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image; see `bench.methods.contract`."""
         tracks = self.tracker(tuple(frame.images[-1 : -self.longest_history - 2 : -1]), valid=frame.valid)
-        rays, known = _rays(frame, tracks)
+        rays, known = frame.camera.unproject(tracks.pixels.reshape(-1, 2))  # of all tracks in all K images
+        rays, known = rays.reshape(*tracks.followed.shape, 3), known.reshape(tracks.followed.shape) & tracks.followed
         cells = ray_grid(frame.camera, self.cell_size_px)
         usable = np.flatnonzero(known[0] & known[1])
         nearest, near = _nearest(tracks.pixels[0, usable], cells, reach_px=self.tracker.reach_px)
@@ -128,13 +129,6 @@ class ThreeViewOnly(SparseSphericalMethod):
     name = "three-view-only"
     weights: ConstraintWeights = ALONE[THREE_VIEW]
     threshold: Positive = PAPER_ANGLE_RAD / THREE_VIEW_WEIGHT
-
-
-def _rays(frame: MethodInput, tracks: Tracks) -> tuple[Floats, Bools]:
-    """Rays of all tracks in all images, (K, N, 3), and where there are any, (K, N)."""
-    count, number = tracks.followed.shape
-    rays, valid = frame.camera.unproject(tracks.pixels.reshape(-1, 2))
-    return rays.reshape(count, number, 3), valid.reshape(count, number) & tracks.followed
 
 
 def _nearest(pixels: Floats, cells: RayGrid, *, reach_px: int) -> tuple[NDArray[np.intp], Bools]:
