@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import Field
 
 from bench.cameras import ray_grid
-from bench.errors import UsageError
 from bench.flow import dense_flow
 from bench.geometry import Floats, angle_between
 from bench.methods.contract import Method, MethodInput
@@ -53,20 +54,13 @@ class FrameDifference(Method):
             `background-subtraction` begins with: four standard deviations of a grey value of variance 15, which OpenCV
             takes for a new background.
 
-    Raises:
-        UsageError: a threshold that is not in [0, 255).
-
     Source:
         Jain and Nagel, On the analysis of accumulative difference pictures, 1979.
     """
 
     name = "frame-difference"
 
-    threshold_grey: float = 4 * 15**0.5
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.threshold_grey < GREY_LEVELS:
-            raise UsageError(f"{self.name}: expected threshold_grey in [0, {GREY_LEVELS}), got {self.threshold_grey}")
+    threshold_grey: Annotated[float, Field(ge=0, lt=GREY_LEVELS)] = 4 * 15**0.5
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Compare the last image with the one before it."""
@@ -94,23 +88,15 @@ class BackgroundSubtraction(Method):
         deviations: a pixel is background within so many standard deviations.
         shadows: whether what is recognised as a shadow is background.
 
-    Raises:
-        UsageError: a number that is out of its domain.
-
     Source:
         Zivkovic 2004; Zivkovic and van der Heijden 2006.
     """
 
     name = "background-subtraction"
 
-    images: int = 15
-    deviations: float = 4.0
+    images: Annotated[int, Field(ge=1, le=500)] = 15
+    deviations: Annotated[float, Field(gt=0, le=1000)] = 4.0
     shadows: bool = True
-
-    def __post_init__(self) -> None:
-        if not (1 <= self.images <= 500 and isinstance(self.images, int) and 0 < self.deviations <= 1000):
-            got = f"{self.images} and {self.deviations}"
-            raise UsageError(f"{self.name}: expected whole images in 1 to 500, deviations in (0, 1000], got {got}")
 
     @property
     def longest_history(self) -> int:  # type: ignore[override]
@@ -142,22 +128,16 @@ class FlowMagnitude(Method):
         flow_parameters: what the flow takes.
         cell_size_px: side of the cells on which the flow is averaged.
         threshold: angle above which a cell moves, rad between two images.
-
-    Raises:
-        UsageError: a number that is out of its domain.
     """
 
     name = "flow-magnitude"
 
     flow: str = "farneback"
     flow_parameters: dict[str, object] = field(default_factory=dict)
-    cell_size_px: int = 5
-    threshold: float = PAPER_ANGLE_RAD
+    cell_size_px: Annotated[int, Field(ge=1)] = 5
+    threshold: Annotated[float, Field(gt=0, le=math.pi)] = PAPER_ANGLE_RAD
 
     def __post_init__(self) -> None:
-        if not (self.cell_size_px >= 1 and 0 < self.threshold <= math.pi):
-            got = f"{self.cell_size_px} and {self.threshold}"
-            raise UsageError(f"{self.name}: expected cell_size_px >= 1 and threshold in (0, pi], got {got}")
         dense_flow(self.flow, **self.flow_parameters)
 
     def compensated(self, rays_previous: Floats, frame: MethodInput) -> Floats:  # noqa: ARG002

@@ -267,10 +267,9 @@ def ask_method(method: Method, frame: MethodInput) -> Segmentation:
             answer = method.segment(frame)
     except (UnansweredImage, DataError, MemoryError, KeyboardInterrupt):
         raise
-    except BenchError as error:
-        raise MethodError(f"{_image_of(method, frame)}: {error}") from error
     except BaseException as error:  # also SystemExit, which must not end a run as a success
-        raise MethodError(f"{_image_of(method, frame)}: {describe_error(error)}") from error
+        told = str(error) if isinstance(error, BenchError) else describe_error(error)
+        raise MethodError(f"{_image_of(method, frame)}: {told}") from error
     height, width = frame.valid.shape
     fault = segmentation_fault(answer, width=width, height=height)
     if fault is not None:

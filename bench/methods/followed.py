@@ -12,11 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from bench.errors import UsageError
 from bench.methods.contract import Method, MethodInput, UnansweredImage
@@ -43,18 +44,16 @@ class FollowedMethod(Method):
         images: how many images are looked at, the current one among them; 1 leaves the method as it is.
 
     Raises:
-        UsageError: fewer than one image, or a method that is itself followed.
+        UsageError: a method that is itself followed.
     """
 
     name = "followed"
 
     method: str = "rigid-scene"
     parameters: dict[str, object] = field(default_factory=dict)
-    images: int = 3
+    images: Annotated[int, Field(ge=1)] = 3
 
     def __post_init__(self) -> None:
-        if not isinstance(self.images, int) or self.images < 1:
-            raise UsageError(f"followed: images: expected a whole number of at least 1, got {self.images}")
         if self.method == self.name:
             raise UsageError("followed: method: expected one that is not followed itself, got 'followed'")
         self._inner  # noqa: B018 - errors of the method are told when this one is built
@@ -83,10 +82,8 @@ class FollowedMethod(Method):
         """Segment the last image; see `bench.methods.contract`.
 
         Raises:
-            UnansweredImage: the method has no answer for it, or there is no ego-motion to follow by.
+            UnansweredImage: the method has no answer for it.
         """
-        if not frame.current_from_previous:
-            raise UnansweredImage("followed: expected the ego-motion between the images, got none")
         now = self._noted(frame, 0, "answer", self._inner.segment)
         if self.images == 1:
             return now

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from bench.errors import BenchError, UnknownNameError, UsageError
 from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit, unlike
@@ -114,13 +114,13 @@ def _class(name: str, target: str, base: type[Kind]) -> type[Kind]:
 
 
 def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> None:
-    """Refuse what the annotations of a class's constructor exclude, where these are plain types.
+    """Refuse what the annotations of a class's constructor exclude, where these are plain types, or limits of such.
 
     Raises:
         UsageError: for example text for a number: many a class would take it, and fail by it on the first image.
     """
     try:
-        hints = get_type_hints(kind if is_dataclass(kind) else kind.__init__)  # type: ignore[misc]
+        hints = get_type_hints(kind if is_dataclass(kind) else kind.__init__, include_extras=True)  # type: ignore[misc]
     except (NameError, TypeError):  # of names that only type checkers import
         return
     for parameter in parameters.keys() & {known for known, hint in hints.items() if _is_plain(hint)}:
@@ -132,4 +132,6 @@ def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> N
 def _is_plain(hint: object) -> bool:
     if get_origin(hint) in (Union, UnionType):
         return all(map(_is_plain, get_args(hint)))
+    if get_origin(hint) is Annotated:
+        return _is_plain(get_args(hint)[0])
     return hint in (bool, int, float, str, NoneType) or get_origin(hint) is Literal

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from bench.errors import DataError, UsageError
 from bench.plain_yaml import parse_yaml
+
+Positive = Annotated[float, Field(gt=0)]
 
 
 def parse_settings(pairs: Sequence[str] | None, *, option: str = "--set") -> dict[str, Any]:
@@ -56,6 +61,13 @@ def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str,
         else:
             flat[f"{parent}{name}"] = value
     return flat
+
+
+def set_groups(method: object, **defaults: Any) -> None:
+    """Set groups of settings of a method that were given as mappings: what they change of these data classes."""
+    for name, default in defaults.items():
+        if isinstance(given := getattr(method, name), Mapping):
+            object.__setattr__(method, name, replace(default, **given))
 
 
 def _number(value: object) -> object:

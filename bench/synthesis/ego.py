@@ -52,7 +52,7 @@ def own_body() -> Mesh:
     roof = slab([(-0.35, 1.4), (0.0, 1.45), (1.1, 1.45), (1.35, 1.4)], [0.62, 0.56, 0.56, 0.62], PAINT)
     tail = box([0.12, 1.5, 0.25], [-0.94, 0.0, 0.5], PLASTIC)
     sides = [part for side in (-1.0, 1.0) for part in _side(side)]
-    return joined([bumper, nose, flanks, waist, cabin, roof, tail, *sides])
+    return joined(bumper, nose, flanks, waist, cabin, roof, tail, *sides)
 
 
 def _side(side: float) -> list[Mesh]:

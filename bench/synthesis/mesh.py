@@ -89,7 +89,7 @@ class PlacedMesh:
     instance_id: int = 0
 
 
-def joined(meshes: Sequence[Mesh]) -> Mesh:
+def joined(*meshes: Mesh) -> Mesh:
     """All triangles of several meshes, in order; none at all if there are none."""
     if not meshes:
         return surfaced(np.empty((0, 3, 3)), Surface(albedo=0.0, contrast=0.0))

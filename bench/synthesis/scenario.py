@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -33,6 +33,7 @@ from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.validation import FileModel
 from bench.synthesis.bodies import BODIES
 
+DRAWS = ("uniform", "choice", "steps", "each", "value", "sum", "product")
 DECIMALS = 4  # of drawn numbers: a tenth of a millimetre
 
 
@@ -83,89 +84,45 @@ class Sampler:
         """
         if isinstance(node, dict):
             if len(node) == 1 and (kind := next(iter(node))) in DRAWS:
-                return DRAWS[kind](self, node[kind], path, repeat)
+                return self._draw(kind, node[kind], path, repeat)
             return {key: self.drawn(part, f"{path}.{key}", repeat=repeat) for key, part in node.items()}
         if isinstance(node, list):
             return [self.drawn(part, f"{path}.{k}", repeat=repeat) for k, part in enumerate(node)]
         return node
 
-    def number(self, node: Any, path: str, repeat: int | None) -> float:
+    def _draw(self, kind: str, node: Any, path: str, repeat: int | None) -> Any:
+        if kind == "value":
+            if not isinstance(node, str) or node not in self.values:
+                raise DrawError(path, f"a name under values ({', '.join(self.values) or 'there are none'})", node)
+            rest = {name: value for name, value in self.values.items() if name != node}  # so that none can hold itself
+            return replace(self, values=rest).drawn(self.values[node], f"values.{node}")
+        if kind in {"uniform", "steps"}:
+            if not isinstance(node, list) or len(node) != 2:
+                raise DrawError(path, "two numbers, [from, to]", node)
+            low, high = (self._number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
+            share = self._share(path, repeat) if kind == "uniform" else self.index / max(self.count - 1, 1)
+            return round(low + (high - low) * share, DECIMALS)
+        if not isinstance(node, list) or not node:
+            raise DrawError(path, "a list of at least one", node)
+        if kind in {"sum", "product"}:
+            numbers = [self._number(part, f"{path}.{kind}.{k}", repeat) for k, part in enumerate(node)]
+            return round(math.fsum(numbers) if kind == "sum" else math.prod(numbers), DECIMALS)
+        row = int(self._share(path, repeat) * len(node)) if kind == "choice" else repeat
+        if row is None or row >= len(node):
+            raise DrawError(path, f"at most {len(node)} repeats of the actor", "none" if row is None else row + 1)
+        return self.drawn(node[row], f"{path}.{kind}.{row}", repeat=repeat)
+
+    def _number(self, node: Any, path: str, repeat: int | None) -> float:
         """A number, drawn or not."""
         value = self.drawn(node, path, repeat=repeat)
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise DrawError(path, "a number", value)
         return value
 
-    def share(self, path: str, repeat: int | None) -> float:
+    def _share(self, path: str, repeat: int | None) -> float:
         """The random number of a position in the file, from 0 to 1."""
         names = (self.series, self.index, self.attempt, path, "" if repeat is None else repeat)
         return float(named_rng(self.seed, "series", *names).random())
-
-
-def _uniform(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(sampler, node, path, repeat)
-    return round(low + (high - low) * sampler.share(path, repeat), DECIMALS)
-
-
-def _choice(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
-    options = _filled(node, path)
-    number = int(sampler.share(path, repeat) * len(options))
-    return sampler.drawn(options[number], f"{path}.choice.{number}", repeat=repeat)
-
-
-def _steps(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    low, high = _two(sampler, node, path, repeat)
-    return round(low + (high - low) * (sampler.index / max(sampler.count - 1, 1)), DECIMALS)
-
-
-def _each(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:
-    options = _filled(node, path)
-    if repeat is None or repeat >= len(options):
-        raise DrawError(path, f"at most {len(options)} repeats of the actor", "none" if repeat is None else repeat + 1)
-    return sampler.drawn(options[repeat], f"{path}.each.{repeat}", repeat=repeat)
-
-
-def _value(sampler: Sampler, node: Any, path: str, repeat: int | None) -> Any:  # noqa: ARG001
-    if not isinstance(node, str) or node not in sampler.values:
-        raise DrawError(path, f"a name under values ({', '.join(sampler.values) or 'there are none'})", node)
-    rest = {name: value for name, value in sampler.values.items() if name != node}  # so that none can hold itself
-    return replace(sampler, values=rest).drawn(sampler.values[node], f"values.{node}")
-
-
-def _sum(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    parts = _filled(node, path)
-    return round(math.fsum(sampler.number(part, f"{path}.sum.{k}", repeat) for k, part in enumerate(parts)), DECIMALS)
-
-
-def _product(sampler: Sampler, node: Any, path: str, repeat: int | None) -> float:
-    parts = _filled(node, path)
-    return round(
-        math.prod(sampler.number(part, f"{path}.product.{k}", repeat) for k, part in enumerate(parts)), DECIMALS
-    )
-
-
-def _filled(node: Any, path: str) -> list[Any]:
-    if not isinstance(node, list) or not node:
-        raise DrawError(path, "a list of at least one", node)
-    return node
-
-
-def _two(sampler: Sampler, node: Any, path: str, repeat: int | None) -> tuple[float, float]:
-    if not isinstance(node, list) or len(node) != 2:
-        raise DrawError(path, "two numbers, [from, to]", node)
-    low, high = (sampler.number(part, f"{path}.{k}", repeat) for k, part in enumerate(node))
-    return low, high
-
-
-DRAWS: dict[str, Callable[[Sampler, Any, str, int | None], Any]] = {
-    "uniform": _uniform,
-    "choice": _choice,
-    "steps": _steps,
-    "each": _each,
-    "value": _value,
-    "sum": _sum,
-    "product": _product,
-}
 
 
 def named_rng(seed: int, *names: str | int) -> np.random.Generator:
@@ -191,15 +148,6 @@ def refuse_twice(names: list[str], field: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"{field}: names that occur once; {', '.join(twice)} does not")
-
-
-def refuse_misfit(times_s: tuple[float, ...], **profiles: tuple[float, ...]) -> None:
-    """Raise ValueError unless times increase and every profile has one value, or one for each time."""
-    if any(b <= a for a, b in pairwise(times_s)):
-        raise ValueError("times_s that increase")
-    for name, values in profiles.items():
-        if len(values) not in {1, len(times_s)}:
-            raise ValueError(f"{name}: one value, or one for each of the {len(times_s)} times")
 
 
 def interval_ns(rate_hz: float) -> int:
@@ -275,7 +223,30 @@ def _known_body(kind: str) -> str:
     return kind
 
 
-class ActorSpec(FileModel):
+class DrivenSpec(FileModel):
+    """How something drives: values at `times_s`, linear in between, constant beyond; one value if steady.
+
+    Attributes:
+        times_s: after the first image, increasing.
+        yaw_rate_degps: positive to the left.
+        gear: "reverse" moves against the heading, tail first.
+    """
+
+    times_s: tuple[Number, ...] = (0.0,)
+    yaw_rate_degps: Annotated[tuple[Number, ...], OneOrMore] = (0.0,)
+    gear: Literal["forward", "reverse"] = "forward"
+
+    @model_validator(mode="after")
+    def _profile_fits(self) -> DrivenSpec:
+        if any(b <= a for a, b in pairwise(self.times_s)):
+            raise ValueError("times_s that increase")
+        for name in type(self).model_fields:
+            if name.startswith(("speed", "yaw_rate")) and len(getattr(self, name)) not in {1, len(self.times_s)}:
+                raise ValueError(f"{name}: one value, or one for each of the {len(self.times_s)} times")
+        return self
+
+
+class ActorSpec(DrivenSpec):
     """A body on the scene.
 
     Attributes:
@@ -284,10 +255,7 @@ class ActorSpec(FileModel):
         at_s: when it is at its position, after the first image.
         position_m: its middle on the ground, x forward and y left of where the ego vehicle's origin is at `at_s`.
         heading_deg: direction of travel at `at_s`, to the left of the ego vehicle's forward direction then.
-        times_s: of the profile below, after the first image, increasing.
-        speed_mps: along the heading at `times_s`, linear in between, constant beyond; one value if steady.
-        yaw_rate_degps: positive to the left; as `speed_mps`.
-        gear: "reverse" moves against the heading, tail first.
+        speed_mps: along the heading at `times_s`.
         floor_m: height of the ground below it, for someone on the pavement.
     """
 
@@ -296,40 +264,21 @@ class ActorSpec(FileModel):
     at_s: NotNegative = 0.0
     position_m: tuple[Number, Number]
     heading_deg: Number = 0.0
-    times_s: tuple[Number, ...] = (0.0,)
     speed_mps: Annotated[tuple[Speed, ...], OneOrMore] = (0.0,)
-    yaw_rate_degps: Annotated[tuple[Number, ...], OneOrMore] = (0.0,)
-    gear: Literal["forward", "reverse"] = "forward"
     floor_m: float = Field(default=0.0, ge=0, le=0.3)
 
-    @model_validator(mode="after")
-    def _profile_fits(self) -> ActorSpec:
-        refuse_misfit(self.times_s, speed_mps=self.speed_mps, yaw_rate_degps=self.yaw_rate_degps)
-        return self
 
-
-class EgoSpec(FileModel):
-    """`host` of a file, how the ego vehicle drives: values at `times_s`, linear in between; one value if steady.
+class EgoSpec(DrivenSpec):
+    """`host` of a file, how the ego vehicle drives.
 
     Attributes:
-        times_s: after the first image, increasing.
-        speed_kmh: over the ground, never negative.
-        yaw_rate_degps: positive to the left.
-        gear: "reverse" drives backwards.
+        speed_kmh: over the ground at `times_s`, never negative.
         ramp_s: time over which changes of acceleration and steering are spread, half of it before and half after; a
             driver's foot takes about 0.3 s.
     """
 
-    times_s: tuple[Number, ...] = (0.0,)
-    speed_kmh: tuple[Annotated[float, Field(ge=0, le=500)], ...]
-    yaw_rate_degps: tuple[Number, ...] = (0.0,)
-    gear: Literal["forward", "reverse"] = "forward"
+    speed_kmh: Annotated[tuple[Annotated[float, Field(ge=0, le=500)], ...], OneOrMore]
     ramp_s: float = Field(default=0.0, ge=0, le=2)
-
-    @model_validator(mode="after")
-    def _profile_fits(self) -> EgoSpec:
-        refuse_misfit(self.times_s, speed_kmh=self.speed_kmh, yaw_rate_degps=self.yaw_rate_degps)
-        return self
 
 
 class LidarSpec(FileModel):

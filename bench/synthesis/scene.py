@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bench.synthesis.bodies import make_body
 from bench.synthesis.bodies.body import Body
@@ -23,7 +24,7 @@ from bench.synthesis.motion import EgoMotion, Path, Poses, driven_path, ego_moti
 from bench.synthesis.scenario import (
     ActorSpec,
     CameraSpec,
-    EgoSpec,
+    DrivenSpec,
     LightSpec,
     RecordingSpec,
     ScenarioHead,
@@ -67,7 +68,8 @@ def plan_trajectories(head: ScenarioHead, spec: RecordingSpec) -> Trajectories:
     actor_times_ns = [_milliseconds(actor.at_s) for actor in spec.actors]
     first_ns = int(sweep_times_ns[0]) - revolution_ns - MARGIN_NS
     last_ns = max([int(sweep_times_ns[-1]) + revolution_ns + MARGIN_NS, *actor_times_ns])
-    ego = _ego_path(spec.host, first_ns, last_ns)
+    speeds_mps = np.array(spec.host.speed_kmh) / 3.6
+    ego = _path(spec.host, speeds_mps, first_ns=first_ns, last_ns=last_ns, ramp_s=spec.host.ramp_s)
     return Trajectories(
         ego=ego,
         actors=tuple(_actor_path(actor, ego, first_ns, last_ns) for actor in spec.actors),
@@ -76,15 +78,11 @@ def plan_trajectories(head: ScenarioHead, spec: RecordingSpec) -> Trajectories:
     )
 
 
-def _ego_path(spec: EgoSpec, first_ns: int, last_ns: int) -> Path:
-    return driven_path(
-        times_s=spec.times_s,
-        speeds_mps=_sign(spec.gear) * np.array(spec.speed_kmh) / 3.6,
-        yaw_rates_radps=np.radians(spec.yaw_rate_degps),
-        first_ns=first_ns,
-        last_ns=last_ns,
-        ramp_s=spec.ramp_s,
-    )
+def _path(spec: DrivenSpec, speeds_mps: NDArray[np.float64], **place: Any) -> Path:
+    """`driven_path` of a profile, `place` its other arguments."""
+    sign = -1.0 if spec.gear == "reverse" else 1.0
+    yaw_rates_radps = np.radians(spec.yaw_rate_degps)
+    return driven_path(times_s=spec.times_s, speeds_mps=sign * speeds_mps, yaw_rates_radps=yaw_rates_radps, **place)
 
 
 def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path:
@@ -93,20 +91,15 @@ def _actor_path(spec: ActorSpec, ego: Path, first_ns: int, last_ns: int) -> Path
     position = world_from_vehicle.apply(np.array([*spec.position_m, 0.0]))
     forward = world_from_vehicle.rotation[:, 0]
     heading_rad = float(np.arctan2(forward[1], forward[0]) + np.radians(spec.heading_deg))
-    return driven_path(
-        times_s=spec.times_s,
-        speeds_mps=_sign(spec.gear) * np.array(spec.speed_mps),
-        yaw_rates_radps=np.radians(spec.yaw_rate_degps),
+    return _path(
+        spec,
+        np.array(spec.speed_mps),
         first_ns=first_ns,
         last_ns=last_ns,
         through=(float(position[0]), float(position[1]), heading_rad),
         through_ns=at_ns,
         floor_m=spec.floor_m,
     )
-
-
-def _sign(gear: str) -> float:
-    return -1.0 if gear == "reverse" else 1.0
 
 
 def _milliseconds(seconds: float) -> int:
@@ -129,25 +122,36 @@ def watched_times(trajectories: Trajectories) -> NDArray[np.int64]:
     return np.arange(-(-first_ns // step_ns), last_ns // step_ns + 1, dtype=np.int64) * step_ns
 
 
-def footprints(poses: Poses, outline_m: ArrayLike, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.object_]:
-    """Return an outline at N poses of its body.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MovingOutline:
+    """A body from above, at N times.
 
-    Args:
-        poses: world from body.
+    Attributes:
+        poses: world from body, N rows.
         outline_m: (K, 2), m, in the body's frame, not closed.
-        rows: some of the poses.
-
-    Returns:
-        (N,) shapely polygons, world, m.
     """
-    outline, rotations = np.asarray(outline_m, dtype=np.float64), poses.rotations[rows]
-    rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], outline) + poses.positions_m[rows][:, None, :2]
-    return np.asarray(shapely.polygons(rings))
+
+    poses: Poses
+    outline_m: NDArray[np.float64]
+
+    def footprints(self, rows: NDArray[np.intp] | slice = slice(None)) -> NDArray[np.object_]:
+        """The outline at some of the times: shapely polygons, world, m."""
+        rotations = self.poses.rotations[rows]
+        rings = np.einsum("nij,kj->nki", rotations[:, :2, :2], self.outline_m)
+        return np.asarray(shapely.polygons(rings + self.poses.positions_m[rows][:, None, :2]))
 
 
 def box_outline(size_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4, 2) float64, m: the box around a body from above, in its own frame."""
     return np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size_m[:2]
+
+
+def moving_outlines(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float64]]) -> list[MovingOutline]:
+    """The ego vehicle, then the boxes of these sizes around the actors, at the watched times."""
+    times_ns = watched_times(trajectories)
+    outlines_m = [OUTLINE_M, *map(box_outline, sizes_m)]
+    paths = (trajectories.ego, *trajectories.actors)
+    return [MovingOutline(poses=p.at(times_ns), outline_m=o) for p, o in zip(paths, outlines_m, strict=True)]
 
 
 def swept_ground(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float64]]) -> tuple[shapely.Polygon, ...]:
@@ -157,13 +161,7 @@ def swept_ground(trajectories: Trajectories, sizes_m: Sequence[NDArray[np.float6
         trajectories: of the recording.
         sizes_m: (3,) each, m, the boxes around the actors' bodies.
     """
-    times_ns = watched_times(trajectories)
-    rows = [footprints(trajectories.ego.at(times_ns), OUTLINE_M)]
-    rows += [
-        footprints(path.at(times_ns), box_outline(size))
-        for path, size in zip(trajectories.actors, sizes_m, strict=True)
-    ]
-    return tuple(_swept(row) for row in rows)
+    return tuple(_swept(mover.footprints()) for mover in moving_outlines(trajectories, sizes_m))
 
 
 def _swept(row: NDArray[np.object_]) -> shapely.Polygon:
@@ -188,12 +186,8 @@ def first_clash(head: ScenarioHead, spec: RecordingSpec) -> tuple[int, str] | No
     """
     trajectories = plan_trajectories(head, spec)
     times_ns = watched_times(trajectories)
-    ego = _MovingOutline(poses=trajectories.ego.at(times_ns), outline_m=OUTLINE_M)
     sizes_m = [box_size(actor.kind) for actor in spec.actors]
-    movers = [
-        _MovingOutline(poses=path.at(times_ns), outline_m=box_outline(size))
-        for path, size in zip(trajectories.actors, sizes_m, strict=True)
-    ]
+    ego, *movers = moving_outlines(trajectories, sizes_m)
     for number, actor in enumerate(spec.actors):
         if (at := _first_overlap(movers[number], ego)) is not None:
             return number, f"{actor.name!r} inside the ego vehicle at {_seconds(times_ns[at])}"
@@ -222,34 +216,20 @@ def box_size(kind: str) -> NDArray[np.float64]:
     return make_body(kind, named_rng(0, "box", kind)).size_m
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _MovingOutline:
-    """A body at all times that are looked at.
-
-    Attributes:
-        poses: of the body, N rows.
-        outline_m: (K, 2), m, in its frame.
-    """
-
-    poses: Poses
-    outline_m: NDArray[np.float64]
-
-
-def _first_overlap(one: _MovingOutline, other: _MovingOutline) -> int | None:
+def _first_overlap(one: MovingOutline, other: MovingOutline) -> int | None:
     """Row of the first time at which two footprints overlap by more than a touch."""
     apart_m = (one.poses.positions_m - other.poses.positions_m)[:, :2]
     reach_m = sum(float(np.linalg.norm(outline, axis=1).max()) for outline in (one.outline_m, other.outline_m))
     rows = np.flatnonzero(np.hypot(*apart_m.T) <= reach_m)  # elsewhere not even the circles around the outlines meet
     if rows.size == 0:
         return None
-    first, second = (footprints(mover.poses, mover.outline_m, rows) for mover in (one, other))
-    shared = shapely.intersection(first, second)
+    shared = shapely.intersection(one.footprints(rows), other.footprints(rows))
     inside = rows[shapely.area(shared) > TOUCH_M2]
     return int(inside[0]) if inside.size else None
 
 
 def _first_inside(
-    camera: CameraSpec, ego: _MovingOutline, other: _MovingOutline, size_m: NDArray[np.float64]
+    camera: CameraSpec, ego: MovingOutline, other: MovingOutline, size_m: NDArray[np.float64]
 ) -> int | None:
     """Row of the first time at which a camera is inside the box around an actor."""
     cameras_world = ego.poses.rotations @ np.array(camera.position_m) + ego.poses.positions_m

@@ -219,8 +219,7 @@ def _convolutions(file: Path) -> Iterator[tuple[str, NDArray[np.float32], NDArra
     graph = onnx.load(file).graph
     values = {value.name: onnx.numpy_helper.to_array(value).copy() for value in graph.initializer}
     for node in graph.node:
-        if (
-            node.op_type == "Conv"
-        ):  # "/network/up.0/one/one.0/Conv" is up.0.one.0, "/network/fine/fine.0/Conv" is fine.0
+        if node.op_type == "Conv":
+            # "/network/up.0/one/one.0/Conv" is up.0.one.0, "/network/fine/fine.0/Conv" is fine.0.
             outer, inner = node.name.split("/")[2], node.name.split("/")[-2]
             yield inner if inner.startswith(outer) else f"{outer}.{inner}", *(values[name] for name in node.input[1:])

@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bench.atomic import make_folder, replacing, write_text
 from bench.errors import DataError
 from bench.execution import FailedTask, local_executor
-from bench.harness.datasets import Dataset, Frame, open_dataset
+from bench.harness.datasets import Frame, open_dataset
 from bench.methods.learned import inputs
 from bench.methods.rigid_scene.scene import Views
 from bench.recordings import load_card
@@ -60,8 +60,9 @@ def training_pairs(
         DataError: the data cannot be used, or have no exact masks.
     """
     names = drives_of(dataset, part, workers=workers)
-    data = open_dataset(dataset)
-    yield from pairs_of(data, names, every=every, longest_history=longest_history, colour=colour)
+    pairs = _pairs(dataset, names, longest_history=longest_history, colour=colour)
+    for _, drive in groupby(pairs, key=lambda frame: (frame.recording, frame.camera)):
+        yield from islice(drive, None, None, every)
 
 
 def drives_of(dataset: str | Path, part: SplitPart, *, workers: int = 1) -> tuple[str, ...]:
@@ -73,27 +74,12 @@ def drives_of(dataset: str | Path, part: SplitPart, *, workers: int = 1) -> tupl
     return tuple(name for name in names if (name in held_out) == (part == VALIDATION))
 
 
-def pairs_of(
-    data: Dataset,
-    names: Sequence[str],
-    *,
-    every: int = 1,
-    longest_history: int = 1,
-    colour: bool = False,
-) -> Iterator[Frame]:
-    """Yield the pairs of some of a data set's drives, as `training_pairs` does."""
-    frames = data.frames(
-        recordings=names,
-        longest_history=longest_history,
-        colour=colour,
-        exact=True,
-    )
-    for _, drive in groupby(frames, key=lambda frame: (frame.recording, frame.camera)):
-        for number, frame in enumerate(drive):
-            if frame.exact is None:
-                raise DataError(data.card.file, expected="exact masks, as rendered data have", got="none")
-            if number % every == 0:
-                yield frame
+def _pairs(dataset: str | Path, names: Sequence[str], *, longest_history: int, colour: bool = False) -> Iterator[Frame]:
+    data = open_dataset(dataset)
+    for frame in data.frames(recordings=names, longest_history=longest_history, colour=colour, exact=True):
+        if frame.exact is None:
+            raise DataError(data.card.file, expected="exact masks, as rendered data have", got="none")
+        yield frame
 
 
 DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
@@ -169,7 +155,7 @@ def prepare(
 
 def _prepare_drive(name: str, *, dataset: str | Path, place: Path, disturbed: bool) -> None:
     lengths = {}
-    pairs = pairs_of(open_dataset(dataset), [name], longest_history=inputs.BACK)
+    pairs = _pairs(dataset, [name], longest_history=inputs.BACK)
     frames = (frame for frame in pairs if len(frame.input.images) > 2)  # training itself leaves the earlier one out
     for camera, of_camera in groupby(frames, key=lambda frame: frame.camera):
         rng = np.random.default_rng(list(f"{name} {camera}".encode())) if disturbed else None

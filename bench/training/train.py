@@ -53,7 +53,13 @@ THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
 STATISTICS_BATCHES = 16  # of crops from which normalisation is made again
-GREY = ("current", "fine_current")
+# Channels that are varied together.
+VARIED = {
+    "mirrored": MIRRORED,
+    "grey": ("current", "fine_current"),
+    "differences": DIFFERENCES,
+    "earlier": GROUPS["earlier"],
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +103,11 @@ class Plan:
         """Names of the fine ones."""
         return self._shown(FINE)
 
+    @property
+    def rows(self) -> tuple[list[int], list[int]]:
+        """Rows of both among the prepared channels."""
+        return [COARSE.index(name) for name in self.coarse], [FINE.index(name) for name in self.fine]
+
     def __post_init__(self) -> None:
         if not self.coarse or not self.fine:
             raise UsageError(f"without: expected channels of both sizes to be left, got {', '.join(self.without)}")
@@ -112,15 +123,13 @@ class Validation:
 
     Attributes:
         names: (N,) drive and camera of each image.
-        true, false, missed: (N, THRESHOLDS) pixels.
-        pixels: (N,) pixels that count.
+        true: (N, THRESHOLDS) moving pixels of at least so large a score; all of them by the first threshold, 0.
+        false: (N, THRESHOLDS) static ones.
     """
 
     names: list[tuple[str, str]]
     true: NDArray[np.float64]
     false: NDArray[np.float64]
-    missed: NDArray[np.float64]
-    pixels: NDArray[np.float64]
 
     @property
     def best(self) -> int:
@@ -140,27 +149,21 @@ class Validation:
             cameras: drive and camera of each.
         """
         rows = [row for row, name in enumerate(self.names) if name in cameras]
-        return Validation(
-            names=[self.names[row] for row in rows],
-            true=self.true[rows],
-            false=self.false[rows],
-            missed=self.missed[rows],
-            pixels=self.pixels[rows],
-        )
+        return Validation(names=[self.names[row] for row in rows], true=self.true[rows], false=self.false[rows])
 
     def _image_iou(self) -> NDArray[np.float64]:
         """(images in which something moves, THRESHOLDS)."""
         rows = self._moving
-        return np.asarray(self.true[rows] / (self.true + self.false + self.missed)[rows])
+        return np.asarray(self.true[rows] / (self.true[:, :1] + self.false)[rows])
 
     @property
     def _moving(self) -> NDArray[np.bool_]:
-        return np.asarray((self.true + self.missed)[:, 0] >= LEAST_PX)
+        return np.asarray(self.true[:, 0] >= LEAST_PX)
 
     def summary(self) -> dict[str, Any]:
         """Scores at the best threshold, intervals by drive."""
-        k, moving = self.best, self._moving
-        true, union = self.true[:, k], (self.true + self.false + self.missed)[:, k]
+        k, moving, all_moving = self.best, self._moving, self.true[:, 0]
+        true, union = self.true[:, k], all_moving + self.false[:, k]
         of_image = self._image_iou()[:, k]
         drives = np.array([drive for drive, _ in self.names])
         return {
@@ -170,8 +173,8 @@ class Validation:
             "iou": round(float(true.sum() / max(union.sum(), 1)), 4),
             "iou_ci95": _by_drive(true, union, drives),
             "precision": round(float(true.sum() / max((self.true + self.false)[:, k].sum(), 1)), 4),
-            "recall": round(float(true.sum() / max((self.true + self.missed)[:, k].sum(), 1)), 4),
-            "false_positives": round(float(self.false[:, k].sum() / self.pixels.sum()), 5),
+            "recall": round(float(true.sum() / max(all_moving.sum(), 1)), 4),
+            "false_positives": round(float(self.false[:, k].sum() / (all_moving + self.false[:, 0]).sum()), 5),
         }
 
 
@@ -212,7 +215,10 @@ class Batches:
     def __init__(self, drives: Sequence[PreparedDrive], plan: Plan) -> None:
         self._images = [(drive, number) for drive in drives for number in range(drive.images)]
         self._plan = plan
-        self._sizes = [_Rows.of(COARSE, plan.coarse), _Rows.of(FINE, plan.fine)]
+        self._varied = [
+            {kind: [row for row, name in enumerate(shown) if name in names] for kind, names in VARIED.items()}
+            for shown in (plan.coarse, plan.fine)
+        ]
 
     def __len__(self) -> int:
         return len(self._images) // self._plan.batch
@@ -246,19 +252,19 @@ class Batches:
         valid = _valid(small)
         target = large[-1]
         weight = np.where(valid, small_weight(target), np.float32(0))
-        parts = [small[self._sizes[0].shown], large[self._sizes[1].shown]]
+        parts = [size[rows] for size, rows in zip((small, large), self._plan.rows, strict=True)]
         mirror = rng.random() < 0.5
         if mirror:
             parts, target, weight = [part[:, :, ::-1].copy() for part in parts], target[:, ::-1], weight[:, ::-1]
         gain, shift = rng.uniform(0.8, 1.25), rng.uniform(-12, 12)
         strength, earlier = rng.uniform(0.7, 1.4), rng.random() >= WITHOUT_EARLIER
-        for part, size in zip(parts, self._sizes, strict=True):
+        for part, varied in zip(parts, self._varied, strict=True):
             if mirror:
-                _vary(part, size.mirrored, -1.0)
-            _vary(part, size.grey, gain, shift)
-            _vary(part, size.differences, strength)
+                _vary(part, varied["mirrored"], -1.0)
+            _vary(part, varied["grey"], gain, shift)
+            _vary(part, varied["differences"], strength)
             if not earlier:
-                part[size.earlier] = ZERO
+                part[varied["earlier"]] = ZERO
         return *parts, target.astype(np.float32) / 255, np.ascontiguousarray(weight)
 
     def _corner(self, target: NDArray[np.uint8], rng: np.random.Generator) -> tuple[int, int]:
@@ -270,26 +276,6 @@ class Batches:
                 middle = middles[rng.integers(1, count)][::-1] / 2
                 corner = np.clip(middle.astype(np.int64) - rng.integers(0, self._plan.crop_px), 0, spare)
         return int(corner[0]), int(corner[1])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Rows:
-    """Which of the prepared channels of a size the network is shown, and which of these go together."""
-
-    shown: list[int]
-    mirrored: list[int]
-    grey: list[int]
-    differences: list[int]
-    earlier: list[int]
-
-    @classmethod
-    def of(cls, prepared: Sequence[str], shown: Sequence[str]) -> _Rows:
-        mirrored, grey, differences, earlier = (
-            [k for k, name in enumerate(shown) if name in names]
-            for names in (MIRRORED, GREY, DIFFERENCES, GROUPS["earlier"])
-        )
-        of_all = [prepared.index(name) for name in shown]
-        return cls(shown=of_all, mirrored=mirrored, grey=grey, differences=differences, earlier=earlier)
 
 
 def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -346,32 +332,23 @@ def loss_of_bodies(bodies: Sequence[Tensor], target: Tensor, weight: Tensor) -> 
 
 def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, device: str) -> Validation:
     """Count right and wrong pixels on whole images at every threshold."""
-    rows = [COARSE.index(name) for name in plan.coarse], [FINE.index(name) for name in plan.fine]
+    coarse_rows, fine_rows = plan.rows
     edges = np.linspace(0, 1, THRESHOLDS + 1)
     network.eval()
     names: list[tuple[str, str]] = []
-    moving: list[NDArray[np.int64]] = []
-    static: list[NDArray[np.int64]] = []
+    counts: list[list[NDArray[np.int64]]] = []  # of moving, then of static pixels, by score
     for drive in drives:
         for coarse, fine in zip(drive.coarse(), drive.fine(), strict=True):
             height, width = fine.shape[1:]
-            given = padded(Channels(coarse=coarse[rows[0]], fine=fine[rows[1]]))
+            given = padded(Channels(coarse=coarse[coarse_rows], fine=fine[fine_rows]))
             with torch.no_grad():
                 logits = network(*(torch.from_numpy(part[None]).to(device) for part in (given.coarse, given.fine)))
             scores = torch.sigmoid(logits)[0, :height, :width].cpu().numpy()
-            counted = _valid(coarse)
-            for sums, chosen in ((moving, fine[-1] > 127), (static, fine[-1] <= 127)):
-                sums.append(np.histogram(scores[chosen & counted], bins=edges)[0])
+            moving, counted = fine[-1] > 127, _valid(coarse)
+            counts.append([np.histogram(scores[kind & counted], bins=edges)[0] for kind in (moving, ~moving)])
             names.append((drive.recording, drive.camera))
-    of_moving, of_static = np.array(moving, dtype=np.float64), np.array(static, dtype=np.float64)
-    above = [sums[:, ::-1].cumsum(1)[:, ::-1] for sums in (of_moving, of_static)]  # at least a bin's lower edge
-    return Validation(
-        names=names,
-        true=above[0],
-        false=above[1],
-        missed=of_moving.sum(1, keepdims=True) - above[0],
-        pixels=(of_moving + of_static).sum(1),
-    )
+    above = np.array(counts, dtype=np.float64)[..., ::-1].cumsum(-1)[..., ::-1]  # at least a bin's lower edge
+    return Validation(names=names, true=above[:, 0], false=above[:, 1])
 
 
 def train(
@@ -416,18 +393,13 @@ def train(
     state: dict[str, Any] = {"epoch": 0, "best": -1.0, "best_epoch": 0, "weights": averaged.state_dict(), "log": []}
     state["losses"] = torch.ones(batches.images, dtype=torch.float64)  # of each image when it was last seen
     parts = {"network": network, "averaged": averaged, "optimiser": optimiser, "schedule": schedule}
+    planned = {**asdict(plan), "images": batches.images}
     if (out / CHECKPOINT).is_file():
         checkpoint = torch.load(out / CHECKPOINT, map_location=device, weights_only=True)
-        if checkpoint["plan"] != asdict(plan):
-            raise UsageError(
-                f"{out / CHECKPOINT}: expected the plan {asdict(plan)}, got {checkpoint['plan']}; use a new --out"
-            )
+        if (got := checkpoint["plan"]) != planned:
+            raise UsageError(f"{out / CHECKPOINT}: expected the plan {planned}, got {got}; use a new --out")
         state = checkpoint["state"]
         state["losses"] = state["losses"].cpu()
-        if len(state["losses"]) != batches.images:
-            raise UsageError(
-                f"{out / CHECKPOINT}: expected {batches.images} images, got {len(state['losses'])}; use a new --out"
-            )
         for name, part in parts.items():
             part.load_state_dict(checkpoint[name])
     for epoch in range(state["epoch"], plan.epochs):
@@ -463,7 +435,7 @@ def train(
         state["epoch"] = epoch + 1
         with replacing(out / CHECKPOINT) as file:
             held = {name: part.state_dict() for name, part in parts.items()}
-            torch.save({"plan": asdict(plan), "state": state, **held}, file)
+            torch.save({"plan": planned, "state": state, **held}, file)
         write_log(out, state["log"])
     averaged.load_state_dict(state["weights"])
     best = averaged.module.to("cpu").eval()
@@ -536,10 +508,6 @@ def export(
 def main(
     out: Annotated[Path, typer.Option(help="folder of weights, log and checkpoint")],
     dataset: Annotated[str, typer.Option(help="rendered data set, by name or card")] = DATASET,
-    without: Annotated[
-        list[str] | None, typer.Option(help=f"channels that it is not shown, several times: {', '.join(GROUPS)}")
-    ] = None,
-    disturbed: Annotated[bool, typer.Option(help="images of worse cameras, too")] = True,
     epochs: Annotated[int, typer.Option(min=1, help="at most")] = 20,
     bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
     rate: Annotated[float, typer.Option(min=0.0, help="largest learning rate")] = 3e-3,
@@ -553,11 +521,7 @@ def main(
     cache: Annotated[Path | None, typer.Option(help="folder of prepared inputs; OUT/inputs without")] = None,
 ) -> None:
     """Train the network of the method `learned`."""
-    if unknown := sorted(set(without or ()) - GROUPS.keys()):
-        raise UsageError(f"--without: expected some of {', '.join(GROUPS)}, got {', '.join(unknown)}")
     plan = Plan(
-        without=tuple(without or ()),
-        disturbed=disturbed,
         epochs=epochs,
         rate=rate,
         bfloat16=bfloat16,
@@ -572,8 +536,10 @@ def main(
             LOG.info("inputs of %d of %d drives", done, total)
 
     held = cache or out / "inputs"
-    training = prepare(dataset, "training", held, disturbed=disturbed, workers=workers, progress=progress)
-    held_out = prepare(dataset, "validation", held, disturbed=disturbed, workers=workers, progress=progress)
+    training, held_out = (
+        prepare(dataset, part, held, disturbed=plan.disturbed, workers=workers, progress=progress)
+        for part in ("training", "validation")
+    )
     torch.set_num_threads(workers)
     network, reached, log = train(plan, training, held_out, out, start=start)
     scenario = load_card(dataset).scenario

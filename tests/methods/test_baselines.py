@@ -49,10 +49,7 @@ def grey_frame(*images, valid=None):
     given = frame(images[0], images[-1], STEP, valid)
     step = given.current_from_previous[0]
     return replace(
-        given,
-        images=images,
-        timestamps_ns=tuple(range(len(images))),
-        current_from_previous=(step,) * (len(images) - 1),
+        given, images=images, timestamps_ns=tuple(range(len(images))), current_from_previous=(step,) * (len(images) - 1)
     )
 
 

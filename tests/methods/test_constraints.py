@@ -123,9 +123,13 @@ def test_rays_that_are_not_valid_are_not_defined():
     views = TwoViews()
     previous, current = views.rays([(4, 1, 0), (4, -1, 1.2), (4, 1, 1)], (0, 0.1, 0))
     previous[0], current[1] = np.nan, np.nan
-    found = deviations(previous, current, current_from_previous=views.motion, road=views.road)
+    seen = {"current_from_previous": views.motion, "road": views.road}
+    found = deviations(previous, current, **seen)
     assert found.defined.tolist() == [False, False, True]
     assert np.isfinite(all_of(found)).all()
+    deviation, defined = static_camera_deviation(previous, current, **seen, lambda_static_m=0.02)
+    assert defined.tolist() == [False, False, True]
+    assert not deviation[:2].any()
 
 
 def test_scale_of_the_motion_is_needed_by_height_and_anti_parallel_alone():
@@ -208,17 +212,6 @@ def test_unregistered_creep_of_the_road_is_suppressed_but_a_walker_is_not():
     assert walker[0] > 6e-4
 
 
-def test_rays_without_value_are_not_defined():
-    views = TwoViews()
-    previous, current = views.rays([(4, 1, 0), (4, 1, 1)])
-    previous[0] = np.nan
-    deviation, defined = static_camera_deviation(
-        previous, current, current_from_previous=views.motion, road=views.road, lambda_static_m=0.02
-    )
-    assert defined.tolist() == [False, True]
-    assert deviation[0] == 0
-
-
 def three_views(point, second, third, motions=((0, 0, 0), (0, 0, 0))):
     first = TwoViews(current_m=second[0], yaw_rad=second[1])
     last = TwoViews(current_m=third[0], yaw_rad=third[1])
@@ -247,9 +240,10 @@ def test_three_views_of_a_static_point_agree(x, y, z, step, next_step, yaw):
     assert deviation[0] < 1e-10
 
 
-def test_three_views_are_defined_for_ordinary_points():
+def test_three_views_are_defined_where_there_is_parallax():
     views = ((0.4, 0.01, 0.66), 0.01), ((1.0, 0.05, 0.66), 0.025)
     assert three_views([(6, 2, 0), (3, -2, 1), (8, 4, 3), (-4, 2, 0.2)], *views)[1].all()
+    assert not three_views((1e5, 3e4, 0.3), ((0.4, 0, 0.66), 0.0), ((0.8, 0, 0.66), 0.0))[1].any()
 
 
 def test_three_views_see_a_change_of_speed_but_not_parallel_motion_at_constant_speed():
@@ -258,8 +252,3 @@ def test_three_views_see_a_change_of_speed_but_not_parallel_motion_at_constant_s
     braking, _ = three_views((4, 1.5, 0.3), second, third, ((0.2, 0, 0), (0.1, 0, 0)))
     assert steady[0] < 1e-12
     assert braking[0] > 1e-3
-
-
-def test_three_views_need_parallax():
-    views = ((0.4, 0, 0.66), 0.0), ((0.8, 0, 0.66), 0.0)
-    assert not three_views((1e5, 3e4, 0.3), *views)[1].any()

@@ -48,12 +48,14 @@ def test_a_mask_of_either_scale_or_of_one_bit(tmp_path, content):
     np.testing.assert_array_equal(moving, MASK)
 
 
-def test_16_bits_are_scores_where_the_folder_says_so(tmp_path):
+def test_16_bits_are_scores_where_the_folder_says_so_and_masks_are_none(tmp_path):
     values = np.zeros((4, 6), dtype=np.uint16)
     values[0, :3] = 65535, 32768, 1
     scores = read(tmp_path, values, are_scores=True)
     assert scores.dtype == np.float32
     np.testing.assert_allclose(scores[0, :4], [1, 32768 / 65535, 1 / 65535, 0], rtol=1e-6)
+    with pytest.raises(DataError, match=r"expected scores of 16 bits, as predictions.yaml says, got 8 bits"):
+        read(tmp_path, MASK.astype(np.uint8), are_scores=True)
 
 
 @pytest.mark.parametrize(
@@ -88,9 +90,7 @@ def test_what_is_no_mask_is_refused(tmp_path, content, message):
         read(tmp_path, content)
 
 
-def test_a_mask_among_scores_and_a_file_too_large_are_refused(tmp_path):
-    with pytest.raises(DataError, match=r"expected scores of 16 bits, as predictions.yaml says, got 8 bits"):
-        read(tmp_path, MASK.astype(np.uint8), are_scores=True)
+def test_a_file_too_large_is_refused(tmp_path):
     with (tmp_path / "a.png").open("wb") as file:
         file.truncate(1 << 40)
     with pytest.raises(DataError, match="got 1099511627776 bytes, over the limit of 268435456"):
@@ -108,14 +108,11 @@ def test_whole_fractions_and_multiples_pass_and_others_are_refused_with_both_siz
             HALVED.refuse_unfit(size, file=Path("a.png"))
 
 
-def test_a_smaller_map_is_cells():
+def test_a_smaller_map_is_cells_and_a_larger_one_the_mean_of_each_pixels_block():
     mask = np.array([[True, False, False, True], [False, True, False, False]])
     cells, cell_px = HALVED.on_cells(mask)
     assert cell_px == 2
     np.testing.assert_array_equal(cells, mask)
-
-
-def test_a_larger_map_is_the_mean_of_each_pixels_block():
     large = np.zeros((12, 24), dtype=np.float32)
     large[0:3, 3:6] = np.arange(9).reshape(3, 3) / 8
     large[3:5, 0:3] = 1

@@ -1,10 +1,10 @@
-from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import pytest
 
 from bench.synthesis import synthesize
+from bench.synthesis.motion import driven_path
+from bench.times import SECOND_NS
 
 MINIATURE = """
 name: miniature
@@ -40,18 +40,24 @@ REAL = "vehicle: {suspension: {road_class: B}, bus: {}, calibration: {}}\n"
 IDEAL = ""
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def drive(times_s, speeds_mps, yaw_rates_radps=0.0, *, from_s=-1, to_s=8, **more):
+    """A path of a profile, known between two times."""
+    profile = {"times_s": times_s, "speeds_mps": speeds_mps, "yaw_rates_radps": yaw_rates_radps}
+    return driven_path(**profile, first_ns=from_s * SECOND_NS, last_ns=to_s * SECOND_NS, **more)
+
+
+def contents(folder):
     """All files of the recordings below a folder."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 @pytest.fixture(scope="session")
-def rendered(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def rendered(tmp_path_factory):
     """The folder of the miniature's recordings by an ideal car or a real one; rendered once, and only read."""
 
     @cache
-    def of(vehicle: str) -> Path:
+    def of(vehicle):
         folder = tmp_path_factory.mktemp("miniature")
         (folder / "scenario.yaml").write_text(vehicle + MINIATURE)
         synthesize(folder / "scenario.yaml", folder / "out", workers=1)
@@ -61,7 +67,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 
 @pytest.fixture
-def scenario_file(tmp_path: Path) -> Path:
+def scenario_file(tmp_path):
     path = tmp_path / "miniature.scenario.yaml"
     path.write_text(MINIATURE)
     return path

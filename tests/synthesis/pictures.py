@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from bench.cameras import CameraModel
-from bench.geometry import RigidTransform, RoadPlane
+from bench.geometry import RoadPlane
 from bench.recordings import MountedCamera
 from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer
-from bench.synthesis.mesh import Mesh, Surface, box, quads
+from bench.synthesis.mesh import Surface, box, quads
 from bench.synthesis.scenario import SensorSpec
 from bench.synthesis.scene import KINDS, Lighting
 
@@ -17,11 +16,11 @@ NOWHERE = box([0.1, 0.1, 0.1], [0, 0, -50], PLAIN)
 EXACT = SensorSpec(edge_light=1.0, read_noise_grey=0.0, full_well_electrons=None)
 
 
-def road(surface: Surface) -> Mesh:
+def road(surface):
     return quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], surface)
 
 
-def mounted(model: CameraModel, vehicle_from_camera: RigidTransform) -> MountedCamera:
+def mounted(model, vehicle_from_camera):
     return MountedCamera(
         name="front",
         model=model,
@@ -31,9 +30,6 @@ def mounted(model: CameraModel, vehicle_from_camera: RigidTransform) -> MountedC
     )
 
 
-def renderer_of(
-    camera: MountedCamera, *, world: Mesh, own_body: Mesh = NOWHERE, kind: str = "overcast",
-    sun: tuple[float, float, float] = (0.0, 0.6, 0.8), sensor: SensorSpec = EXACT,
-) -> ImageRenderer:  # fmt: skip
+def renderer_of(camera, *, world, own_body=NOWHERE, kind="overcast", sun=(0.0, 0.6, 0.8), sensor=EXACT):
     light = Lighting(kind=KINDS[kind], towards_sun=np.array(sun) / np.linalg.norm(sun))
     return ImageRenderer(camera, own_body=own_body, world=world, atlas=texture_atlas(0), light=light, sensor=sensor)

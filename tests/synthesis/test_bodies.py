@@ -7,23 +7,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from bench.geometry import cross, dot
-from bench.synthesis.bodies import BODIES, Body, make_body
+from bench.synthesis.bodies import BODIES, make_body
 from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
 from bench.synthesis.bodies.gait import STANCE, hip_heights, two_links, walking_leg
-from bench.synthesis.mesh import Mesh, Surface, box, slab, tube
+from bench.synthesis.mesh import Surface, box, slab, tube
 
 
-def volume_m3(mesh: Mesh) -> float:
+def volume_m3(mesh):
     """By the divergence theorem: positive only if every face looks outwards."""
     a, b, c = (mesh.corners_m[:, k] for k in range(3))
     return float(dot(a, cross(b, c)).sum() / 6)
 
 
-def open_edges(mesh: Mesh) -> int:
+def open_edges(mesh):
     """Edges that no other triangle runs along the other way."""
     corners = np.round(mesh.corners_m * 1e7).astype(np.int64)
     edges = np.concatenate([corners[:, [k, (k + 1) % 3]] for k in range(3)]).reshape(-1, 6)
@@ -33,7 +32,7 @@ def open_edges(mesh: Mesh) -> int:
     return int(np.abs(count - reverse).sum())
 
 
-def of_joint(body: Body, name: str, corners_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def of_joint(body, name, corners_m):
     """Corners (N, 3) of what hangs on a joint."""
     row = [joint.name for joint in body.linkage.joints].index(name)
     start, end, _ = next(part for part in body.linkage.parts if part[2] == row)
@@ -76,21 +75,18 @@ SIZES_M = {
 }
 
 
-@pytest.mark.parametrize(
-    ("mesh", "wanted_m3"),
-    [
+def test_solids_are_closed_and_face_outwards():
+    for mesh, wanted_m3 in (
         (box([1, 2, 3], [5, -4, 2], GREY), 6.0),
         (slab([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5, GREY), 2.0),
         (tube([0, 0, 0], [0, 0, 2], 1.0, GREY, sides=4), 4.0),
-    ],
-)
-def test_solids_are_closed_and_face_outwards(mesh: Mesh, wanted_m3: float) -> None:
-    assert volume_m3(mesh) == pytest.approx(wanted_m3)
-    assert open_edges(mesh) == 0
+    ):
+        assert volume_m3(mesh) == pytest.approx(wanted_m3)
+        assert open_edges(mesh) == 0
 
 
 @pytest.mark.parametrize("kind", BODIES)
-def test_every_part_is_a_closed_solid(kind: str) -> None:
+def test_every_part_is_a_closed_solid(kind):
     parts, _, _ = BODIES[kind][1](np.random.default_rng(1))
     for mesh, joint in parts:
         assert open_edges(mesh) == 0, joint
@@ -98,7 +94,7 @@ def test_every_part_is_a_closed_solid(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", BODIES)
-def test_body_is_of_everyday_size(kind: str) -> None:
+def test_body_is_of_everyday_size(kind):
     body = make_body(kind, np.random.default_rng(5))
     for size_m, (least, most) in zip(body.size_m, SIZES_M[kind], strict=True):
         assert least < size_m < most
@@ -114,7 +110,7 @@ def test_body_is_of_everyday_size(kind: str) -> None:
 
 @pytest.mark.parametrize("speed_mps", [0.0, 0.2, 3.0])
 @pytest.mark.parametrize("kind", BODIES)
-def test_body_stays_in_its_box_in_every_posture(kind: str, speed_mps: float) -> None:
+def test_body_stays_in_its_box_in_every_posture(kind, speed_mps):
     body = make_body(kind, np.random.default_rng(1))
     half_m = body.size_m / 2
     for way_m in np.linspace(0, body.cycle_m, 19):
@@ -127,24 +123,23 @@ def test_body_stays_in_its_box_in_every_posture(kind: str, speed_mps: float) -> 
     assert body.corners_at(0.0).shape == body.mesh.corners_m.shape
 
 
-def test_starting_to_go_is_smooth() -> None:
+def test_starting_to_go_is_smooth():
     postures = [body_of("adult").corners_at(0.2, speed_mps=float(speed)) for speed in np.linspace(0, 1, 101)]
     assert max(np.abs(b - a).max() for a, b in pairwise(postures)) < 0.02
     assert np.array_equal(postures[50], postures[100])
 
 
 @pytest.mark.parametrize("kind", ["adult", "cyclist", "motorcyclist", "dog", "van"])
-def test_posture_repeats_and_has_no_jumps(kind: str) -> None:
+def test_posture_repeats_and_has_no_jumps(kind):
     body = make_body(kind, np.random.default_rng(1))
-    wheels_too = body.object_class in {"cyclist", "vehicle"}
-    if not wheels_too:
+    if body.object_class not in {"cyclist", "vehicle"}:  # whose wheels have cycles of their own
         assert body.corners_at(0.3) == pytest.approx(body.corners_at(0.3 + 3 * body.cycle_m), abs=1e-9)
     for way_m in np.linspace(-1.0, 1.0, 41):
         step = np.abs(body.corners_at(float(way_m) + 0.002) - body.corners_at(float(way_m))).max()
         assert step < 0.015  # no point of a body moves several times as fast as the body
 
 
-def test_looks_are_drawn_and_repeatable() -> None:
+def test_looks_are_drawn_and_repeatable():
     same = [make_body("adult", np.random.default_rng(4)) for _ in range(2)]
     other = make_body("adult", np.random.default_rng(9))
     assert np.array_equal(same[0].corners_at(0.7), same[1].corners_at(0.7))
@@ -154,7 +149,7 @@ def test_looks_are_drawn_and_repeatable() -> None:
 
 
 @pytest.mark.parametrize("kind", VEHICLES)
-def test_vehicles_keep_their_shape_and_their_wheels_roll(kind: str) -> None:
+def test_vehicles_keep_their_shape_and_their_wheels_roll(kind):
     body = make_body(kind, np.random.default_rng(1))
     for axle in ("axle_0", "axle_1"):
         start = of_joint(body, axle, body.corners_at(0.0))
@@ -171,7 +166,7 @@ def test_vehicles_keep_their_shape_and_their_wheels_roll(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", VEHICLES)
-def test_vehicles_have_panes_that_mirror_and_lamps_that_glow(kind: str) -> None:
+def test_vehicles_have_panes_that_mirror_and_lamps_that_glow(kind):
     body = make_body(kind, np.random.default_rng(1))
     albedo, _, _, mirror, glow, _ = body.mesh.surfaces.T
     corners = body.mesh.corners_m
@@ -187,9 +182,7 @@ def test_vehicles_have_panes_that_mirror_and_lamps_that_glow(kind: str) -> None:
     angle=st.floats(-2.5, 2.5), bend=st.floats(0.05, 2.5), upper=st.floats(0.1, 0.6), lower=st.floats(0.1, 0.6),
     forward=st.booleans(),
 )  # fmt: skip
-def test_two_links_reach_what_they_can_reach(
-    angle: float, bend: float, upper: float, lower: float, forward: bool
-) -> None:
+def test_two_links_reach_what_they_can_reach(angle, bend, upper, lower, forward):
     second = angle - bend if forward else angle + bend
     reach = upper * np.array([np.sin(angle), -np.cos(angle)]) + lower * np.array([np.sin(second), -np.cos(second)])
     if np.linalg.norm(reach) < abs(upper - lower) / 0.99 + 1e-3:
@@ -202,7 +195,7 @@ def test_two_links_reach_what_they_can_reach(
     assert np.array(too_far)[:, 0] == pytest.approx(np.full(2, np.pi / 2), abs=0.04)
 
 
-def test_joints_hang_on_each_other() -> None:
+def test_joints_hang_on_each_other():
     # Shoulder at height 2, elbow at 1: shoulder and elbow each turn by 90 degrees over a quarter of the cycle.
     turn = np.linspace(0, 2 * np.pi, STEPS + 1)
     joints = [
@@ -219,7 +212,7 @@ def test_joints_hang_on_each_other() -> None:
     assert rotations[1] @ np.array([5.0, 0.0, 1.0]) + translations_m[1] == pytest.approx([6.0, 0.0, 4.0], abs=1e-9)
 
 
-def test_standing_is_what_a_joint_says_and_wheels_do_not_care() -> None:
+def test_standing_is_what_a_joint_says_and_wheels_do_not_care():
     arm = Joint(name="arm", pivot_m=(0, 0, 1), cycle_m=2.0, angles_rad=still(0.8), stationary_rad=0.2)
     linkage = Linkage([arm, wheel("wheel", 3.0, 0.5)])
     for going, expected in ((0.0, 0.2), (0.5, 0.5), (1.0, 0.8)):
@@ -234,11 +227,11 @@ MOTORCYCLISTS = ["motorcyclist", "scooter_rider"]
 STEP_M = 0.004
 
 
-def body_of(kind: str) -> Body:
+def body_of(kind):
     return make_body(kind, np.random.default_rng(3))
 
 
-def over_a_cycle(body: Body, joint: str, count: int = 120) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def over_a_cycle(body, joint, count=120):
     """Corners of a part (W, N, 3) over the ground, and the ways (W,)."""
     ways_m = np.linspace(0, body.cycle_m, count, endpoint=False)
     corners = np.array([of_joint(body, joint, body.corners_at(float(way_m))) for way_m in ways_m])
@@ -246,7 +239,7 @@ def over_a_cycle(body: Body, joint: str, count: int = 120) -> tuple[NDArray[np.f
 
 
 @pytest.mark.parametrize(("kind", "side"), [("adult", "left"), ("small_child", "right"), ("with_pram", "left")])
-def test_the_foot_on_the_ground_does_not_slide(kind: str, side: str) -> None:
+def test_the_foot_on_the_ground_does_not_slide(kind, side):
     body = body_of(kind)
     speeds = []
     for way_m in np.linspace(0, body.cycle_m, 96, endpoint=False):
@@ -266,13 +259,13 @@ def test_the_foot_on_the_ground_does_not_slide(kind: str, side: str) -> None:
 
 
 @pytest.mark.parametrize("kind", WALKERS)
-def test_one_foot_is_always_on_the_ground(kind: str) -> None:
+def test_one_foot_is_always_on_the_ground(kind):
     body = body_of(kind)
     lowest_m = [body.corners_at(float(w))[:, :, 2].min() for w in np.linspace(0, body.cycle_m, 50)]
     assert np.abs(lowest_m).max() < 0.003
 
 
-def test_knees_and_trunk_move_as_in_gait_analysis() -> None:
+def test_knees_and_trunk_move_as_in_gait_analysis():
     leg, hips = walking_leg(), hip_heights()
     knee_deg = np.degrees(leg.thigh_rad - leg.shank_rad)
     phases = np.linspace(0, 1, len(knee_deg))
@@ -284,7 +277,7 @@ def test_knees_and_trunk_move_as_in_gait_analysis() -> None:
 
 
 @pytest.mark.parametrize("kind", [*WALKERS, "dog"])
-def test_who_does_not_go_stands(kind: str) -> None:
+def test_who_does_not_go_stands(kind):
     body = body_of(kind)
     standing = body.corners_at(0.0, speed_mps=0.0)
     assert np.array_equal(standing, body.corners_at(0.37, speed_mps=0.0))  # wherever the way has ended
@@ -301,7 +294,7 @@ def test_who_does_not_go_stands(kind: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "side"), [("cyclist", "left"), ("racing_cyclist", "right"), ("child_cyclist", "left")]
 )
-def test_feet_follow_the_pedals(kind: str, side: str) -> None:
+def test_feet_follow_the_pedals(kind, side):
     body = body_of(kind)
     pedals = over_a_cycle(body, f"{side}_pedal")[0]
     toes, feet = (over_a_cycle(body, f"{side}_{part}")[0] for part in ("toes", "foot"))
@@ -315,7 +308,7 @@ def test_feet_follow_the_pedals(kind: str, side: str) -> None:
 
 
 @pytest.mark.parametrize("kind", CYCLISTS)
-def test_hands_are_on_the_grips_and_do_not_move(kind: str) -> None:
+def test_hands_are_on_the_grips_and_do_not_move(kind):
     body = body_of(kind)
     ways_m = np.linspace(0, body.cycle_m, 20)
     hands = np.array([of_joint(body, "left_forearm", body.corners_at(float(w))) for w in ways_m])
@@ -325,7 +318,7 @@ def test_hands_are_on_the_grips_and_do_not_move(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", [*MOTORCYCLISTS, "with_pram"])
-def test_hands_are_on_the_bar_and_who_sits_stops_with_the_feet_on_the_ground(kind: str) -> None:
+def test_hands_are_on_the_bar_and_who_sits_stops_with_the_feet_on_the_ground(kind):
     body = body_of(kind)
     bar = body.mesh.corners_m[: body.linkage.parts[0][0]].reshape(-1, 3)  # on no joint
     for side in ("left", "right"):
@@ -342,7 +335,7 @@ def test_hands_are_on_the_bar_and_who_sits_stops_with_the_feet_on_the_ground(kin
 
 
 @pytest.mark.parametrize("leg", ["left_hind", "right_front"])
-def test_a_trotting_paw_on_the_ground_does_not_slide(leg: str) -> None:
+def test_a_trotting_paw_on_the_ground_does_not_slide(leg):
     paw, _ = over_a_cycle(body_of("dog"), f"{leg}_paw", count=200)
     low = paw[..., 2].min(axis=1) < 0.002
     assert 0.25 < low.mean() < 0.55

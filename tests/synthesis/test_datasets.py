@@ -2,7 +2,6 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -11,9 +10,9 @@ import numpy as np
 import pytest
 
 from bench.recordings import load_card
-from bench.synthesis import Scenario, read_scenario
+from bench.synthesis import read_scenario
 from bench.synthesis.bodies import BODIES, make_body
-from bench.synthesis.scenario import RecordingSpec, named_rng
+from bench.synthesis.scenario import named_rng
 from bench.synthesis.scene import plan_trajectories
 from bench.synthesis.world.plan import drawn_plan
 
@@ -22,17 +21,17 @@ LIGHTS = {"sunny", "overcast", "low_sun", "night"}
 
 
 @cache
-def scenario(name: str) -> Scenario:
+def scenario(name):
     return read_scenario(ROOT / "datasets" / f"{name}.scenario.yaml")
 
 
-def test_both_cards_of_the_paper_read_the_same_recordings() -> None:
+def test_both_cards_of_the_paper_read_the_same_recordings():
     recorded, exact = (load_card(ROOT / "datasets" / f"{name}.yaml") for name in ("paper", "paper-exact"))
     assert (recorded.root, recorded.scenario) == (exact.root, exact.scenario)
     assert exact.content.options == {"ego_motion": "exact", "calibration": "exact"}
 
 
-def test_paper_has_5000_images_at_0_to_50_kmh_in_at_least_100_recordings() -> None:
+def test_paper_has_5000_images_at_0_to_50_kmh_in_at_least_100_recordings():
     paper = scenario("paper")
     (camera,) = paper.cameras
     assert (camera.name, camera.width, camera.height, paper.frame_rate_hz) == ("front", 640, 480, 15.0)
@@ -45,7 +44,7 @@ def test_paper_has_5000_images_at_0_to_50_kmh_in_at_least_100_recordings() -> No
     assert (np.histogram(speeds_kmh, bins=[0, 10, 20, 30, 40, 50])[0] >= 100).all()
 
 
-def test_composition_of_the_paper_is_about_that_of_its_table() -> None:
+def test_composition_of_the_paper_is_about_that_of_its_table():
     """Of the scored run: recordings, object-frames, and those of the paper, row by row."""
     rows = re.findall(r"\| +(\d+) +\| (\d+) +\| (\d+) +\|", (ROOT / "reports" / "paper" / "table.md").read_text())
     recordings, cases, published = np.array(rows[:5], dtype=int).T
@@ -55,7 +54,7 @@ def test_composition_of_the_paper_is_about_that_of_its_table() -> None:
     assert (recordings >= 7).all()
 
 
-def test_paper_has_every_light_place_and_special_case() -> None:
+def test_paper_has_every_light_place_and_special_case():
     specs = scenario("paper").recordings
     lights = Counter(spec.light.kind for spec in specs)
     assert lights.keys() == LIGHTS
@@ -69,18 +68,18 @@ def test_paper_has_every_light_place_and_special_case() -> None:
     assert {BODIES[actor.kind][0] for spec in overtaken for actor in spec.actors} == {"vehicle"}
 
 
-def reverses_and_turns(specs: tuple[RecordingSpec, ...]) -> bool:
+def reverses_and_turns(specs):
     return any(s.host.gear == "reverse" for s in specs) and any(any(s.host.yaw_rate_degps) for s in specs)
 
 
-def test_development_covers_every_light_on_dry_and_wet_roads() -> None:
+def test_development_covers_every_light_on_dry_and_wet_roads():
     specs = scenario("development").recordings
     assert len(specs) >= 60
     assert {(spec.light.kind, spec.street.wet) for spec in specs} == set(product(LIGHTS, (False, True)))
     assert reverses_and_turns(specs)
 
 
-def test_range_maps_reach_20_m_in_every_direction_for_every_class() -> None:
+def test_range_maps_reach_20_m_in_every_direction_for_every_class():
     maps = scenario("range-maps")
     assert {camera.name for camera in maps.cameras} == {"front", "rear", "left", "right"}
     assert 2000 <= sum(spec.frames for spec in maps.recordings) <= 2500
@@ -94,7 +93,7 @@ def test_range_maps_reach_20_m_in_every_direction_for_every_class() -> None:
         assert (places.min(axis=0) < -14).all()
 
 
-def _seen(maps: Scenario, spec: RecordingSpec) -> tuple[np.ndarray, np.ndarray]:
+def _seen(maps, spec):
     """Places and velocities of all actors in the ego vehicle's frame, at every image."""
     trajectories = plan_trajectories(maps, spec)
     times_ns = trajectories.image_times_ns
@@ -104,7 +103,7 @@ def _seen(maps: Scenario, spec: RecordingSpec) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(places), np.concatenate([np.gradient(one, times_ns / 1e9, axis=0) for one in places])
 
 
-def test_training_has_enough_short_drives_and_holds_some_out() -> None:
+def test_training_has_enough_short_drives_and_holds_some_out():
     training = scenario("training")
     assert len(training.recordings) >= 300
     assert {spec.frames for spec in training.recordings} == {4}
@@ -118,30 +117,30 @@ def test_training_has_enough_short_drives_and_holds_some_out() -> None:
     assert {name.rpartition("-")[0] for name in held_out} == {name.rpartition("-")[0] for name in names}
 
 
-def _names(drives: Scenario) -> set[object]:
+def _names(drives):
     return {spec.name for spec in drives.recordings}
 
 
-def _drives(drives: Scenario) -> set[object]:
+def _drives(drives):
     return {spec.model_dump_json(exclude={"name", "about", "frames"}) for spec in drives.recordings}
 
 
-def _lenses(drives: Scenario) -> set[object]:
+def _lenses(drives):
     return {f"{camera.model} {sorted(camera.parameters.items())}" for camera in drives.cameras}
 
 
-def _mountings(drives: Scenario) -> set[object]:
+def _mountings(drives):
     return {(camera.position_m, camera.yaw_deg, camera.pitch_down_deg) for camera in drives.cameras}
 
 
-def _body_colours(drives: Scenario) -> set[object]:
+def _body_colours(drives):
     """Of the first body of some drives: all surfaces that it is made of."""
     chosen = [(spec, spec.actors[0]) for spec in drives.recordings[::16] if spec.actors]
     bodies = [make_body(one.kind, named_rng(drives.seed, spec.name, "actor", one.name)) for spec, one in chosen]
     return {np.unique(body.mesh.surfaces, axis=0).tobytes() for body in bodies}
 
 
-def _street_plans(drives: Scenario) -> set[object]:
+def _street_plans(drives):
     """Of some drives, as they are drawn for the renderer."""
     chosen = drives.recordings[::16]
     worlds = [named_rng(drives.seed, spec.name, "world").spawn(1)[0] for spec in chosen]
@@ -153,9 +152,7 @@ SCORED = ("paper", "range-maps", "roads", "demo")
 
 @pytest.mark.parametrize("drawn", [_names, _drives, _lenses, _mountings, _body_colours, _street_plans])
 @pytest.mark.parametrize(("name", "others"), [("training", (*SCORED, "development", "tiny")), ("development", SCORED)])
-def test_nothing_drawn_for_training_or_development_is_scored(
-    drawn: Callable[[Scenario], set[object]], name: str, others: tuple[str, ...]
-) -> None:
+def test_nothing_drawn_for_training_or_development_is_scored(drawn, name, others):
     own = drawn(scenario(name))
     for other in map(scenario, others):
         assert other.seed != scenario(name).seed

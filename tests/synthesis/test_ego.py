@@ -1,7 +1,6 @@
 """The ego vehicle as its own cameras see it, what the bus makes of a drive, and where the sensors really sit."""
 
-from collections.abc import Callable
-from pathlib import Path as FilePath
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,12 +8,11 @@ import pytest
 from bench.harness.digests import digest_recording
 from bench.recordings import open_native
 from bench.synthesis import read_scenario
-from bench.synthesis.ego import BusReport, bus_report, mounted_camera, mounted_rig, own_body
-from bench.synthesis.motion import Path, driven_path
+from bench.synthesis.ego import bus_report, mounted_camera, mounted_rig, own_body
 from bench.synthesis.production import DECIMALS
 from bench.synthesis.scenario import BusSpec, CameraSpec
 from bench.times import SECOND_NS
-from tests.synthesis.conftest import REAL
+from tests.synthesis.conftest import REAL, drive
 from tests.synthesis.test_bodies import volume_m3
 
 LENS = {"coefficients": [170.0, -15.0, 24.0, -4.0], "principal_point": [319.5, 239.5], "max_angle_rad": 1.7}
@@ -27,23 +25,15 @@ MOUNTINGS = {
 
 
 @pytest.mark.parametrize("name", MOUNTINGS)
-def test_every_surround_view_camera_sees_a_part_of_the_ego_vehicle_at_its_lower_edge(name: str) -> None:
-    spec = CameraSpec(
-        name=name,
-        model="radial_polynomial",
-        width=640,
-        height=480,
-        parameters=LENS,
-        **MOUNTINGS[name],  # type: ignore[arg-type]
-    )
+def test_every_surround_view_camera_sees_a_part_of_the_ego_vehicle_at_its_lower_edge(name):
+    spec = CameraSpec(name=name, model="radial_polynomial", width=640, height=480, parameters=LENS, **MOUNTINGS[name])
     body = mounted_camera(spec).ego_body
-    assert body is not None
     assert 0.05 < body.mean() < 0.3
     assert body[400:].mean() > 5 * body[:240].mean()
     assert not body[200:280, 300:340].any()
 
 
-def test_the_ego_vehicle_is_as_wide_to_the_left_as_to_the_right_and_faces_outwards() -> None:
+def test_the_ego_vehicle_is_as_wide_to_the_left_as_to_the_right_and_faces_outwards():
     body = own_body()
     assert body.corners_m[..., 1].max() == pytest.approx(-body.corners_m[..., 1].min())
     assert body.corners_m[..., 2].min() >= -1e-9
@@ -55,18 +45,15 @@ PERFECT = dict.fromkeys(ERRORS, 0.0)
 TICK_M = 2 * np.pi * 0.31 / 96
 
 
-def drive(times_s: list[float], speeds_mps: list[float] | float, yaw_rate_radps: float = 0.0) -> Path:
-    return driven_path(
-        times_s=times_s, speeds_mps=speeds_mps, yaw_rates_radps=yaw_rate_radps, first_ns=0, last_ns=10 * SECOND_NS
-    )
+ten_seconds = partial(drive, from_s=0, to_s=10)
 
 
-def reported(path: Path, seed: int = 0, **changes: float) -> BusReport:
-    return bus_report(path, BusSpec(**(PERFECT | changes)), np.random.default_rng(seed))  # type: ignore[arg-type]
+def reported(path, seed=0, **changes):
+    return bus_report(path, BusSpec(**(PERFECT | changes)), np.random.default_rng(seed))
 
 
-def test_ideal_signals_are_the_truth() -> None:
-    path = drive([0, 5], [9.0, 2.0], 0.3)
+def test_ideal_signals_are_the_truth():
+    path = ten_seconds([0, 5], [9.0, 2.0], 0.3)
     report = bus_report(path, None, np.random.default_rng(0))
     speeds_mps, yaw_rates_radps = path.signals(report.times_ns)
     assert np.array_equal(report.speeds_mps, speeds_mps)
@@ -74,23 +61,23 @@ def test_ideal_signals_are_the_truth() -> None:
     assert set(np.diff(report.times_ns).tolist()) == {10_000_000}
 
 
-def test_steady_speed_is_counted_exactly() -> None:
+def test_steady_speed_is_counted_exactly():
     for speed_mps in (0.5, 3.0, 13.9, -2.0):  # in reverse it has no sign
-        report = reported(drive([0.0], speed_mps))
+        report = reported(ten_seconds([0.0], speed_mps))
         assert report.speeds_mps[5:] == pytest.approx(np.full(len(report.times_ns) - 5, abs(speed_mps)), rel=1e-6)
         assert set(np.diff(report.times_ns).tolist()) == {20_000_000}
 
 
-def test_creep_below_a_tick_in_the_time_of_patience_is_reported_as_standing() -> None:
+def test_creep_below_a_tick_in_the_time_of_patience_is_reported_as_standing():
     slow_mps = 0.95 * TICK_M / 0.2  # about 0.1 m/s: the paper's static special case, and yet 6 mm between two images
-    creeping = drive([0.0], slow_mps)
+    creeping = ten_seconds([0.0], slow_mps)
     assert creeping.distances_m[-1] > 0.9
     assert reported(creeping).speeds_mps.max() == 0.0
-    assert reported(drive([0.0], 1.1 * TICK_M / 0.2)).speeds_mps[50:].min() > 0.09
+    assert reported(ten_seconds([0.0], 1.1 * TICK_M / 0.2)).speeds_mps[50:].min() > 0.09
 
 
-def test_starting_from_standstill_is_reported_late_and_stopping_ends_at_zero() -> None:
-    path = drive([0, 2, 4, 6, 8], [0.0, 0.0, 2.0, 2.0, 0.0])
+def test_starting_from_standstill_is_reported_late_and_stopping_ends_at_zero():
+    path = ten_seconds([0, 2, 4, 6, 8], [0.0, 0.0, 2.0, 2.0, 0.0])
     report = reported(path)
     seconds, true_mps = report.times_ns / SECOND_NS, path.signals(report.times_ns)[0]
     assert report.speeds_mps[seconds <= 2.0].max() == 0.0
@@ -102,8 +89,8 @@ def test_starting_from_standstill_is_reported_late_and_stopping_ends_at_zero() -
     assert np.abs(report.speeds_mps - true_mps)[moving].max() < 0.1
 
 
-def test_the_bus_integrates_to_the_true_way_within_its_errors() -> None:
-    path = drive([0, 4, 8], [8.0, 3.0, 9.0], 0.2)
+def test_the_bus_integrates_to_the_true_way_within_its_errors():
+    path = ten_seconds([0, 4, 8], [8.0, 3.0, 9.0], 0.2)
     for seed in range(5):
         rng = np.random.default_rng(seed)
         report = bus_report(path, BusSpec(), rng)
@@ -115,8 +102,8 @@ def test_the_bus_integrates_to_the_true_way_within_its_errors() -> None:
         assert abs(turn_deg - np.degrees(2.0)) > 1e-4
 
 
-def test_a_bias_and_a_scale_belong_to_the_recording_and_noise_to_the_message() -> None:
-    path = drive([0.0], 6.0, 0.1)
+def test_a_bias_and_a_scale_belong_to_the_recording_and_noise_to_the_message():
+    path = ten_seconds([0.0], 6.0, 0.1)
     biased = reported(path, yaw_rate_bias_degps=0.2)
     assert np.ptp(biased.yaw_rates_radps) < 1e-12
     assert abs(np.degrees(biased.yaw_rates_radps[0] - 0.1)) > 0.001
@@ -133,9 +120,7 @@ def test_a_bias_and_a_scale_belong_to_the_recording_and_noise_to_the_message() -
 WRITTEN = 3 * 10.0**-DECIMALS
 
 
-def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one(
-    rendered: Callable[[str], FilePath],
-) -> None:
+def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one(rendered):
     folder = rendered(REAL)
     scenario = read_scenario(folder / "scenario.yaml")
     offsets = []
@@ -156,7 +141,7 @@ def test_the_recording_states_the_nominal_calibration_and_the_truth_the_true_one
         assert 0.001 < angle_deg < 0.6
         assert np.linalg.norm(off.translation_m) < 0.03
         assert recorded.cameras["front"].ego_body is not None
-        assert np.array_equal(recorded.cameras["front"].ego_body, exact.cameras["front"].ego_body)  # type: ignore[arg-type]
+        assert np.array_equal(recorded.cameras["front"].ego_body, exact.cameras["front"].ego_body)
         # The bus knows three degrees of freedom, the truth all six.
         time_ns = recorded.images["front"][0].timestamp_ns
         assert recorded.trajectory.world_from_vehicle(time_ns).rotation[2] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)

@@ -1,49 +1,30 @@
 """The exact flow against what geometry says by other ways."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
 
 from bench.cameras import ray_grid
 from bench.methods.spherical.constraints import deviations
-from bench.recordings import MountedCamera, Recording, open_native, read_truth
+from bench.recordings import open_native, read_truth
 from bench.reference import visible_region
 from bench.synthesis import read_scenario, synthesize
-from bench.synthesis.exact_flow import ExactFlow, ExactFlowCaster
-from bench.synthesis.scene import Scene, build_scene
+from bench.synthesis.exact_flow import ExactFlowCaster
+from bench.synthesis.scene import build_scene
 from tests.synthesis.conftest import MINIATURE
 
 TWICE_AS_FINE = {
     "width": 320,
     "height": 240,
-    "parameters": {
-        "coefficients": [85.0, -7.5, 12.0, -2.0],
-        "principal_point": [159.5, 119.5],
-        "max_angle_rad": 1.7,
-    },
+    "parameters": {"coefficients": [85.0, -7.5, 12.0, -2.0], "principal_point": [159.5, 119.5], "max_angle_rad": 1.7},
 }
 
 
-class Drive:
-    """The first recording of a scenario, prepared, and its last pair of images."""
-
-    def __init__(self, recording: Recording, scene: Scene) -> None:
-        self.recording, self.scene = recording, scene
-        self.camera: MountedCamera = recording.cameras["front"]
-        self.previous_ns, self.current_ns = (image.timestamp_ns for image in recording.images["front"][-2:])
-        self.caster = ExactFlowCaster(scene, self.camera, valid=visible_region(self.camera))
-        self.found: ExactFlow = self.caster.flow(current_ns=self.current_ns, previous_ns=self.previous_ns)
-
-    @property
-    def pixels(self) -> np.ndarray:
-        return ray_grid(self.camera.model).pixels
-
-    def ids(self, index: int) -> np.ndarray:
-        return read_truth(self.recording.images["front"][index])
-
-
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
+def drive(tmp_path_factory):
+    """The last pair of images of the first recording, and their exact flow."""
     folder = tmp_path_factory.mktemp("exact")
     content = yaml.safe_load(MINIATURE)
     content["cameras"][0] |= TWICE_AS_FINE
@@ -51,26 +32,32 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
     (folder / "scenario.yaml").write_text(yaml.safe_dump(content))
     scenario = read_scenario(folder / "scenario.yaml")
     (root,) = synthesize(folder / "scenario.yaml", folder / "out", workers=1)
-    return Drive(open_native(root), build_scene(scenario, scenario.recordings[0]))
+    recording, scene = open_native(root), build_scene(scenario, scenario.recordings[0])
+    camera, images = recording.cameras["front"], recording.images["front"][-2:]
+    times = {"previous_ns": images[0].timestamp_ns, "current_ns": images[1].timestamp_ns}
+    caster = ExactFlowCaster(scene, camera, valid=visible_region(camera))
+    shown = {"before": read_truth(images[0]), "now": read_truth(images[1])}
+    pixels, found = ray_grid(camera.model).pixels, caster.flow(**times)
+    return SimpleNamespace(scene=scene, camera=camera, times=times, caster=caster, found=found, pixels=pixels, **shown)
 
 
-def test_cells_see_what_the_truth_images_show(drive: Drive) -> None:
+def test_cells_see_what_the_truth_images_show(drive):
     shown = visible_region(drive.camera)
-    cast, rendered = drive.found.instance_ids[shown], drive.ids(-1)[shown]
+    cast, rendered = drive.found.instance_ids[shown], drive.now[shown]
     objects = (cast > 0) | (rendered > 0)
     assert objects.sum() > 500
     assert (cast != rendered)[objects].mean() < 0.02  # the renderer may place a ray that grazes an edge otherwise
     assert {1, 2} <= set(np.unique(drive.found.instance_ids).tolist())
 
 
-def test_static_points_deviate_from_nothing(drive: Drive) -> None:
+def test_static_points_deviate_from_nothing(drive):
     previous, valid = drive.camera.model.unproject((drive.pixels + drive.found.flow).reshape(-1, 2))
     rays_previous = previous.reshape(*drive.found.visible.shape, 3)
     found = deviations(
         rays_previous,
         ray_grid(drive.camera.model).rays_camera,
-        current_from_previous=drive.caster.motion(current_ns=drive.current_ns, previous_ns=drive.previous_ns),
-        road=drive.caster.road(drive.current_ns),
+        current_from_previous=drive.caster.motion(**drive.times),
+        road=drive.caster.road(drive.times["current_ns"]),
     )
     static = valid.reshape(drive.found.visible.shape) & (drive.found.instance_ids == 0) & visible_region(drive.camera)
     assert static.mean() > 0.5
@@ -80,10 +67,10 @@ def test_static_points_deviate_from_nothing(drive: Drive) -> None:
     assert np.median(found.epipolar[moving & found.defined]) > 1e-4
 
 
-def test_road_moves_as_the_road_plane_says(drive: Drive) -> None:
+def test_road_moves_as_the_road_plane_says(drive):
     rays = ray_grid(drive.camera.model).rays_camera
-    reach_m = drive.caster.road(drive.current_ns).distance_m(rays)
-    motion = drive.caster.motion(current_ns=drive.current_ns, previous_ns=drive.previous_ns)
+    reach_m = drive.caster.road(drive.times["current_ns"]).distance_m(rays)
+    motion = drive.caster.motion(**drive.times)
     reached_m = drive.camera.vehicle_from_camera.apply(rays * np.where(reach_m < 3.0, reach_m, np.nan)[..., None])
     lane = np.abs(reached_m[..., 1]) < 1.0  # off the kerb
     near = lane & (drive.found.instance_ids == 0) & visible_region(drive.camera)
@@ -96,8 +83,8 @@ def test_road_moves_as_the_road_plane_says(drive: Drive) -> None:
     assert (off < 0.01 * length + 0.01).all()  # patches and lids lie some millimetres high
 
 
-def test_a_visible_point_is_seen_where_the_flow_says(drive: Drive) -> None:
-    before = drive.ids(-2)
+def test_a_visible_point_is_seen_where_the_flow_says(drive):
+    before = drive.before
     aims = np.rint(drive.pixels + np.nan_to_num(drive.found.flow)).astype(int)
     inside = drive.camera.model.contains(aims.reshape(-1, 2).astype(float)).reshape(aims.shape[:2])
     seen = inside & np.isfinite(drive.found.flow[..., 0]) & visible_region(drive.camera)
@@ -114,8 +101,8 @@ def test_a_visible_point_is_seen_where_the_flow_says(drive: Drive) -> None:
     assert drive.found.visible.mean() > 0.5
 
 
-def test_coarse_cells_are_the_fine_ones_at_their_centres(drive: Drive) -> None:
+def test_coarse_cells_are_the_fine_ones_at_their_centres(drive):
     caster = ExactFlowCaster(drive.scene, drive.camera, valid=visible_region(drive.camera), cell_size_px=5)
-    coarse = caster.flow(current_ns=drive.current_ns, previous_ns=drive.previous_ns)
+    coarse = caster.flow(**drive.times)
     np.testing.assert_allclose(coarse.flow, drive.found.flow[2::5, 2::5], atol=1e-7)
     assert np.array_equal(coarse.visible, drive.found.visible[2::5, 2::5])

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bench.cameras import PinholeCamera, RadialPolynomialCamera, camera_parameters, ray_grid
 from bench.geometry import RigidTransform
-from bench.recordings import MountedCamera
 from bench.synthesis.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.exposure import Sensor
-from bench.synthesis.imaging.renderer import ImageRenderer, Moment, RenderedImage
+from bench.synthesis.imaging.renderer import Moment
 from bench.synthesis.imaging.visibility import lens_of
-from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
+from bench.synthesis.mesh import PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scenario import CameraSpec, SensorSpec
 from tests.support.lenses import LENSES
 from tests.synthesis.pictures import EXACT, GREY, mounted, renderer_of, road
@@ -27,13 +25,13 @@ VEHICLE_FROM_CAMERA = RigidTransform(PITCH.rotation @ AHEAD_FROM_CAMERA, np.arra
 WORLD_FROM_VEHICLE = RigidTransform.from_yaw(0.4, [20.0, -7.0, 0.0])
 
 
-def picture(camera: MountedCamera, *placed: PlacedMesh) -> RenderedImage:
+def picture(camera, *placed):
     renderer = renderer_of(camera, world=road(GREY), kind="sunny", sensor=SensorSpec())
     moment = Moment(placed=placed, world_from_vehicle=WORLD_FROM_VEHICLE)
     return renderer.render(moment, rng=np.random.default_rng(0))
 
 
-def box_surface_m(size_m: list[float], centre_m: list[float]) -> NDArray[np.float64]:
+def box_surface_m(size_m, centre_m):
     """Points all over a box's faces and edges."""
     steps = np.linspace(-0.5, 0.5, 61)
     a, b = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -42,7 +40,7 @@ def box_surface_m(size_m: list[float], centre_m: list[float]) -> NDArray[np.floa
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_mask_of_a_box_is_its_projection_and_the_road_lies_in_its_plane(model: str) -> None:
+def test_mask_of_a_box_is_its_projection_and_the_road_lies_in_its_plane(model):
     camera = mounted(MODELS[model], VEHICLE_FROM_CAMERA)
     size_m, centre_m = [2.0, 1.2, 1.5], [9.5, 1.0, 0.95]
     image = picture(camera, PlacedMesh(mesh=box(size_m, centre_m, GREY).moved(WORLD_FROM_VEHICLE), instance_id=7))
@@ -70,12 +68,12 @@ def test_mask_of_a_box_is_its_projection_and_the_road_lies_in_its_plane(model: s
     assert ((near == 0) | (near == 255)).mean() < 0.01
 
 
-def spec_of(name: str, **place: object) -> CameraSpec:
+def spec_of(name, **place):
     parameters = {key: value for key, value in camera_parameters(MODELS[name]).items() if key not in {"model", *SIZE}}
-    return CameraSpec(name="front", model=name, **SIZE, parameters=parameters, **place)  # type: ignore[arg-type]
+    return CameraSpec(name="front", model=name, **SIZE, parameters=parameters, **place)
 
 
-def test_a_camera_looks_where_its_angles_say_and_its_body_mask_covers_what_is_seen_of_the_ego_vehicle() -> None:
+def test_a_camera_looks_where_its_angles_say_and_its_body_mask_covers_what_is_seen_of_the_ego_vehicle():
     camera = mounted_camera(spec_of("radial_polynomial", position_m=(3.7, 0.0, 0.66), pitch_down_deg=20))
     own = PlacedMesh(mesh=own_body().moved(WORLD_FROM_VEHICLE), instance_id=9)
     assert camera.ego_body is not None
@@ -94,13 +92,13 @@ MODEL = RadialPolynomialCamera(
 )  # whole tiles neither across nor down
 
 
-def renderer(kind: str, world: Mesh = ROAD) -> ImageRenderer:
+def renderer(kind, world=ROAD):
     camera = mounted(MODEL, AHEAD)
     return renderer_of(camera, world=world, own_body=own_body(), kind=kind, sensor=SensorSpec())
 
 
-def image(renderer: ImageRenderer, body: Mesh, way_m: float) -> RenderedImage:
-    def at(m: float) -> Moment:
+def image(renderer, body, way_m):
+    def at(m):
         placed = PlacedMesh(mesh=body.moved(RigidTransform.from_yaw(0.2 * m, [0.0, m, 0.0])), instance_id=5)
         return Moment(placed=[placed], world_from_vehicle=RigidTransform.from_yaw(0.1 * m, [m, 0.0, 0.0]))
 
@@ -109,7 +107,7 @@ def image(renderer: ImageRenderer, body: Mesh, way_m: float) -> RenderedImage:
 
 
 @pytest.mark.parametrize("kind", ["sunny", "overcast", "night"])
-def test_image_is_the_same_whatever_was_rendered_before(kind: str) -> None:
+def test_image_is_the_same_whatever_was_rendered_before(kind):
     body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     used = renderer(kind)
     for way_m in (0.0, 30.0, -2.0):
@@ -121,18 +119,18 @@ def test_image_is_the_same_whatever_was_rendered_before(kind: str) -> None:
     assert (alone.instance_ids == 5).sum() > 100
 
 
-def test_what_lies_behind_changes_nothing() -> None:
+def test_what_lies_behind_changes_nothing():
     # Hidden triangles are found early, in an order that depends on all of them.
     body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     wall = quads([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
-    front, more = joined([ROAD, wall]), joined([behind, ROAD, wall])
+    front, more = joined(ROAD, wall), joined(behind, ROAD, wall)
     without, with_hidden = (image(renderer("overcast", world), body, 0.0) for world in (front, more))
     assert np.array_equal(without.instance_ids, with_hidden.instance_ids)
     assert np.array_equal(without.distances_m, with_hidden.distances_m)
 
 
-def test_lamps_of_bodies_glow_by_night_alone() -> None:
+def test_lamps_of_bodies_glow_by_night_alone():
     lamp, off = (
         box([0.5, 0.8, 0.8], [7.0, 0.0, 1.0], Surface(albedo=0.2, contrast=0.0, glow=glow)) for glow in (0.6, 0.0)
     )
@@ -146,7 +144,7 @@ EVEN = np.full((120, 160), 0.4, dtype=np.float32)
 LOW_AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 
-def test_edge_of_the_lens_gets_its_share_of_the_light() -> None:
+def test_edge_of_the_lens_gets_its_share_of_the_light():
     lens = lens_of(CAMERA)
     spec = EXACT.model_copy(update={"edge_light": 0.5})
     pixels = Sensor(spec, lens, gain=1.0).expose(EVEN, np.random.default_rng(0))
@@ -155,7 +153,7 @@ def test_edge_of_the_lens_gets_its_share_of_the_light() -> None:
 
 
 @pytest.mark.parametrize(("gain", "grey"), [(1.0, 0.4), (4.0, 0.4), (1.0, 0.1)])
-def test_noise_has_its_variance(gain: float, grey: float) -> None:
+def test_noise_has_its_variance(gain, grey):
     spec = SensorSpec(edge_light=1.0, read_noise_grey=1.5, full_well_electrons=8000.0)
     pixels = Sensor(spec, lens_of(CAMERA), gain=gain).expose(EVEN * (grey / 0.4), np.random.default_rng(0))
     # Electrons follow Poisson's law; rounding adds a twelfth.
@@ -164,13 +162,13 @@ def test_noise_has_its_variance(gain: float, grey: float) -> None:
     assert pixels.var() == pytest.approx(variance, rel=0.05)
 
 
-def test_stripe_is_smeared_by_its_way_in_the_image() -> None:
+def test_stripe_is_smeared_by_its_way_in_the_image():
     # A white stripe 8 m ahead moves 0.8 m to the left while the shutter is open: 0.8 / 8 * 80 px = 8 px.
     black, white = Surface(albedo=0.02, contrast=0.0), Surface(albedo=0.7, contrast=0.0)
     wall = quads([[9, 30, -20], [9, -30, -20], [9, -30, 20], [9, 30, 20]], black)
     renderer = renderer_of(mounted(CAMERA, LOW_AHEAD), world=wall)
 
-    def at(y_m: float) -> Moment:
+    def at(y_m):
         stripe = box([0.02, 2.0, 4], [8.01, y_m, 1], white)
         return Moment(placed=[PlacedMesh(mesh=stripe, instance_id=3)], world_from_vehicle=RigidTransform.identity())
 
@@ -187,7 +185,7 @@ def test_stripe_is_smeared_by_its_way_in_the_image() -> None:
     assert (np.diff(middle[first : first + 5]) > 0.05 * (high - low)).all()
 
 
-def test_ego_vehicle_that_turns_leaves_its_own_body_sharp() -> None:
+def test_ego_vehicle_that_turns_leaves_its_own_body_sharp():
     camera_model = RadialPolynomialCamera(
         width=160, height=120, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(79.5, 59.5)
     )

@@ -6,8 +6,8 @@ import pytest
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.synthesis.ego import AHEAD_FROM_CAMERA
-from bench.synthesis.imaging.renderer import Moment, RenderedImage
-from bench.synthesis.mesh import Mesh, PlacedMesh, Surface, box, joined, quads
+from bench.synthesis.imaging.renderer import Moment
+from bench.synthesis.mesh import PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scene import KINDS
 from tests.synthesis.pictures import PLAIN, mounted, renderer_of, road
 
@@ -19,26 +19,23 @@ DOWN = RigidTransform(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -
 AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 
-def seen(
-    *placed: PlacedMesh, kind: str, sun: tuple[float, float, float], world: Mesh = ROAD,
-    mounting: RigidTransform = DOWN, ego: RigidTransform | None = None,
-) -> RenderedImage:  # fmt: skip
+def seen(*placed, kind, sun, world=ROAD, mounting=DOWN, ego=None):
     model = PinholeCamera(width=201, height=201, focal=(100, 100), principal_point=(100, 100))
     renderer = renderer_of(mounted(model, mounting), world=world, kind=kind, sun=sun)
     moment = Moment(placed=placed, world_from_vehicle=ego or RigidTransform.identity())
     return renderer.render(moment, rng=np.random.default_rng(0))
 
 
-def block() -> PlacedMesh:
+def block():
     """A metre cube that floats with its underside 1 m above the road, at the image's middle."""
     return PlacedMesh(mesh=box([1, 1, 1], [0, 0, 1.5], PLAIN), instance_id=1)
 
 
 @pytest.mark.parametrize("moving", [True, False])
-def test_shadow_falls_where_the_sun_throws_it(moving: bool) -> None:
+def test_shadow_falls_where_the_sun_throws_it(moving):
     # At 45 degrees from +y the shadow of heights 1 to 2 m and of y from -0.5 to 0.5 covers y from -2.5 to -0.5.
     placed = [block()] if moving else []
-    world = ROAD if moving else joined([ROAD, block().mesh])
+    world = ROAD if moving else joined(ROAD, block().mesh)
     image = seen(*placed, kind="sunny", sun=(0, 1, 1), world=world)
     y_m = -(np.arange(201) - 100) / 100 * 5.0
     row = image.pixels[100].astype(float)
@@ -51,7 +48,7 @@ def test_shadow_falls_where_the_sun_throws_it(moving: bool) -> None:
     assert edge_m == pytest.approx(-2.5, abs=0.06)
 
 
-def test_clouds_throw_no_shadow_but_take_light_from_below_bodies() -> None:
+def test_clouds_throw_no_shadow_but_take_light_from_below_bodies():
     with_block, without = (seen(*placed, kind="overcast", sun=(0, 1, 1)) for placed in ([block()], []))
     changed = with_block.pixels.astype(int) - without.pixels
     away = np.ones(changed.shape, dtype=bool)
@@ -60,7 +57,7 @@ def test_clouds_throw_no_shadow_but_take_light_from_below_bodies() -> None:
     assert changed[100, 100 - 13] == pytest.approx(changed[100, 100 + 13], abs=3)
 
 
-def test_sky_stands_still_when_the_camera_drives() -> None:
+def test_sky_stands_still_when_the_camera_drives():
     images = [
         seen(kind="sunny", sun=(0, 1, 1), mounting=AHEAD, ego=RigidTransform.from_yaw(0.0, [way_m, 0.0, 0.0]))
         for way_m in (0.0, 13.0)
@@ -72,17 +69,17 @@ def test_sky_stands_still_when_the_camera_drives() -> None:
     assert images[0].pixels[sky].std() > 1
 
 
-def test_panes_mirror_more_at_a_grazing_angle() -> None:
+def test_panes_mirror_more_at_a_grazing_angle():
     pane = Surface(albedo=0.1, contrast=0.0, mirror=0.08)
     walls = [quads([[x0, 2, 0], [x0 + 2, 2, 0], [x0 + 2, 2, 8], [x0, 2, 8]], pane) for x0 in (3, 19)]
-    image = seen(kind="overcast", sun=(0, 1, 1), world=joined([ROAD, *walls]), mounting=AHEAD)
+    image = seen(kind="overcast", sun=(0, 1, 1), world=joined(ROAD, *walls), mounting=AHEAD)
     near, far = image.pixels[30:60, 50], image.pixels[80:90, 91]
     assert far.mean() > near.mean() + 20
 
 
-def test_headlights_light_the_road_ahead_and_bodies_shade_it() -> None:
+def test_headlights_light_the_road_ahead_and_bodies_shade_it():
     screen = PlacedMesh(mesh=box([0.1, 3, 1.5], [12, 0, 0.75], PLAIN), instance_id=1)
-    wall = joined([ROAD, quads([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN)])
+    wall = joined(ROAD, quads([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN))
     mounting = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 1.8]))  # sees over the screen
     without = seen(kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)
     shaded = seen(screen, kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)

@@ -1,22 +1,18 @@
 """Motion in the plane, and the ego vehicle's body on its springs."""
 
-from collections.abc import Callable
-from pathlib import Path as FilePath
-
 import numpy as np
 import pytest
 
 from bench.egomotion import read_bus_signals, read_tum
-from bench.synthesis.motion import EgoMotion, Path, driven_path, ego_motion, road_profile
+from bench.synthesis.motion import ego_motion, road_profile
 from bench.synthesis.scenario import SuspensionSpec
 from bench.times import SECOND_NS
-from tests.synthesis.conftest import IDEAL
+from tests.synthesis.conftest import IDEAL, drive
 
 
-def test_ego_vehicle_drives_a_quarter_circle() -> None:
+def test_ego_vehicle_drives_a_quarter_circle():
     # 10 m/s and 90 deg/s: a quarter circle of radius 20/pi in one second.
-    path = driven_path(times_s=0.0, speeds_mps=10.0, yaw_rates_radps=np.pi / 2, first_ns=0, last_ns=SECOND_NS)
-    end = path.at([SECOND_NS])
+    end = drive(0.0, 10.0, np.pi / 2).at([SECOND_NS])
     radius_m = 20.0 / np.pi
     assert end.positions_m[0] == pytest.approx([radius_m, radius_m, 0.0], abs=1e-6)
     assert end.rotations[0] == pytest.approx(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
@@ -30,17 +26,8 @@ def test_ego_vehicle_drives_a_quarter_circle() -> None:
     assert poses.positions_m[0, 0] > 0
 
 
-def test_actor_velocity_is_the_change_of_its_place() -> None:
-    path = driven_path(
-        times_s=[0, 2],
-        speeds_mps=[3.0, 5.0],
-        yaw_rates_radps=-0.5,
-        first_ns=0,
-        last_ns=2 * SECOND_NS,
-        through=(3.0, -2.0, 0.7),
-        through_ns=SECOND_NS // 2,
-        floor_m=0.1,
-    )
+def test_actor_velocity_is_the_change_of_its_place():
+    path = drive([0, 2], [3.0, 5.0], -0.5, through=(3.0, -2.0, 0.7), through_ns=SECOND_NS // 2, floor_m=0.1)
     before, after = path.at([999_000_000, 1_001_000_000]).positions_m
     assert path.velocity_mps(SECOND_NS) == pytest.approx((after - before) / 0.002, abs=1e-5)
     assert np.linalg.norm(path.velocity_mps(SECOND_NS)) == pytest.approx(4.0)
@@ -49,7 +36,7 @@ def test_actor_velocity_is_the_change_of_its_place() -> None:
     assert there.rotations[0, :2, 0] == pytest.approx([np.cos(0.7), np.sin(0.7)])
 
 
-def test_bus_signals_integrate_to_the_true_poses(rendered: Callable[[str], FilePath]) -> None:
+def test_bus_signals_integrate_to_the_true_poses(rendered):
     for name in ("crossing", "reversing"):
         root = rendered(IDEAL) / "out" / name
         bus, truth = read_bus_signals(root / "egomotion.csv"), read_tum(root / "truth" / "poses.csv")
@@ -60,10 +47,8 @@ def test_bus_signals_integrate_to_the_true_poses(rendered: Callable[[str], FileP
         assert np.abs(integrated_m - bus_from_truth.apply(positions_m)).max() < 1e-3
 
 
-def test_a_ramp_spreads_the_brake_and_keeps_the_way() -> None:
-    drive = {"times_s": [0, 1, 3], "speeds_mps": [6.0, 6.0, 0.0], "yaw_rates_radps": 0.0}
-    sudden = driven_path(**drive, first_ns=0, last_ns=4 * SECOND_NS)  # type: ignore[arg-type]
-    gentle = driven_path(**drive, first_ns=0, last_ns=4 * SECOND_NS, ramp_s=0.4)  # type: ignore[arg-type]
+def test_a_ramp_spreads_the_brake_and_keeps_the_way():
+    sudden, gentle = (drive([0, 1, 3], [6.0, 6.0, 0.0], ramp_s=ramp_s) for ramp_s in (0.0, 0.4))
     jerks = [np.abs(np.diff(path.speeds_mps, 2)).max() / 1e-6 for path in (sudden, gentle)]
     assert jerks[0] > 2000  # 3 m/s^2 within a millisecond
     assert jerks[1] == pytest.approx(3.0 / 0.4, rel=0.01)
@@ -77,21 +62,11 @@ def test_a_ramp_spreads_the_brake_and_keeps_the_way() -> None:
 SMOOTH = SuspensionSpec(road_class=None)
 
 
-def drive(times_s: list[float], speeds_mps: list[float] | float, yaw_rate_radps: list[float] | float = 0.0) -> Path:
-    return driven_path(
-        times_s=times_s,
-        speeds_mps=speeds_mps,
-        yaw_rates_radps=yaw_rate_radps,
-        first_ns=-SECOND_NS,
-        last_ns=8 * SECOND_NS,
-    )
-
-
-def sprung(path: Path, spec: SuspensionSpec = SMOOTH) -> EgoMotion:
+def sprung(path, spec=SMOOTH):
     return ego_motion(path, spec, rng=np.random.default_rng(3))
 
 
-def test_braking_dips_the_nose_and_accelerating_lifts_it() -> None:
+def test_braking_dips_the_nose_and_accelerating_lifts_it():
     for change_mps2, lower in ((-2.0, True), (2.0, False)):
         ego = sprung(drive([0, 4], [10.0, 10.0 + 4 * change_mps2]))
         nose, tail = (ego.at([3 * SECOND_NS]).transform().apply(np.array([x, 0.0, 0.5])) for x in (3.7, -0.9))
@@ -102,7 +77,7 @@ def test_braking_dips_the_nose_and_accelerating_lifts_it() -> None:
     assert reversing.rotations[0, 2, 0] > 0.005  # braking in reverse dips the tail
 
 
-def test_a_left_bend_rolls_the_body_to_the_right() -> None:
+def test_a_left_bend_rolls_the_body_to_the_right():
     for yaw_rate_radps, left_is_higher in ((0.2, True), (-0.2, False)):
         ego = sprung(drive([0.0], 10.0, yaw_rate_radps))
         left_world = ego.at([7 * SECOND_NS]).rotations[0, :, 1]
@@ -110,10 +85,9 @@ def test_a_left_bend_rolls_the_body_to_the_right() -> None:
         assert abs(left_world[2]) == pytest.approx(np.sin(np.radians(0.45 * 2.0)), rel=0.01)
 
 
-def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_its_frequency() -> None:
+def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_its_frequency():
     # A step into a second-order system: first peak after half a damped period, higher by exp(-pi z / sqrt(1 - z^2)).
     ego = sprung(drive([0, 6], [18.0, 0.0]))
-    assert ego.attitude is not None
     pitch_deg, seconds = np.degrees(ego.attitude.pitch_rad), ego.nodes_ns / SECOND_NS
     braking = (seconds > 0) & (seconds < 5.5)
     ratio = 0.35
@@ -126,7 +100,7 @@ def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_it
     assert pitch_deg[braking][-1] == pytest.approx(0.9, rel=0.01)
 
 
-def test_a_rigid_car_follows_its_path_exactly() -> None:
+def test_a_rigid_car_follows_its_path_exactly():
     path = drive([0, 3], [8.0, 2.0], [0.3, -0.1])
     rigid, times_ns = ego_motion(path, None, rng=np.random.default_rng(0)), np.arange(0, 7) * SECOND_NS
     poses, expected = rigid.at(times_ns), path.at(times_ns)
@@ -138,7 +112,7 @@ def test_a_rigid_car_follows_its_path_exactly() -> None:
     assert poses.positions_m == pytest.approx(expected.positions_m, abs=1e-12)
 
 
-def test_roughness_is_that_of_its_class() -> None:
+def test_roughness_is_that_of_its_class():
     # ISO 8608: between two wavelengths the variance is the integral of Gd(n0) (n / n0)^-2.
     ways_m = np.arange(0, 1500, 0.1)
     wanted_m2 = 16e-6 * 0.1**2 * (1 / 0.05 - 1 / 2.83)
@@ -148,12 +122,10 @@ def test_roughness_is_that_of_its_class() -> None:
     assert rougher == pytest.approx(2 * roads[0][0])  # four times the power
 
 
-def test_a_standing_car_stays_still_and_a_driving_one_sways_smoothly() -> None:
+def test_a_standing_car_stays_still_and_a_driving_one_sways_smoothly():
     standing = sprung(drive([0.0], 0.0), SuspensionSpec(road_class="B"))
-    assert standing.attitude is not None
     assert np.ptp(standing.attitude.pitch_rad) < 1e-9
     driving = sprung(drive([0.0], 12.0), SuspensionSpec(road_class="B"))
-    assert driving.attitude is not None
     assert 0.02 < np.degrees(driving.attitude.pitch_rad.std()) < 0.3
     # Linear between nodes is good to a hundredth of a millidegree: second differences are 8 times that error.
     assert np.degrees(np.abs(np.diff(driving.attitude.pitch_rad, 2)).max()) < 8e-5

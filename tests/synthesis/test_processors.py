@@ -4,13 +4,11 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.synthesis.mesh import Mesh, Surface, joined, quads
+from bench.synthesis.mesh import Surface, joined, quads
 from bench.synthesis.rays import RayScene, depths_m
 from tests.synthesis.conftest import REAL, contents
 
@@ -36,7 +34,7 @@ ELSEWHERE = {
 }
 
 
-def differing_elsewhere(here: Path, folder: Path, *words: str, **environment: str) -> list[str]:
+def differing_elsewhere(here, folder, *words, **environment):
     """Files of a small scenario that have other bytes when a process of its own renders it."""
     command = [sys.executable, "-c", PROGRAM, str(here / "scenario.yaml"), str(folder / "out"), *words]
     subprocess.run(command, env=os.environ | environment, check=True)
@@ -49,23 +47,21 @@ def differing_elsewhere(here: Path, folder: Path, *words: str, **environment: st
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="switches of x86-64")
 @pytest.mark.parametrize("switches", ELSEWHERE.values(), ids=ELSEWHERE.keys())
-def test_same_bytes_with_the_instructions_of_another_processor(
-    switches: dict[str, str], rendered: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_same_bytes_with_the_instructions_of_another_processor(switches, rendered, tmp_path):
     assert differing_elsewhere(rendered(REAL), tmp_path, **switches) == []
 
 
 @pytest.mark.slow
-def test_same_bytes_by_the_embree_of_open3d(rendered: Callable[[str], Path], tmp_path: Path) -> None:
+def test_same_bytes_by_the_embree_of_open3d(rendered, tmp_path):
     assert differing_elsewhere(rendered(REAL), tmp_path, "open3d") == []
 
 
-def facing_west(x_m: float, albedo: float) -> Mesh:
+def facing_west(x_m, albedo):
     return quads([[x_m, 5, 0], [x_m, -5, 0], [x_m, -5, 5], [x_m, 5, 5]], Surface(albedo=albedo, contrast=0.0))
 
 
-def test_of_faces_that_lie_on_each_other_the_first_is_met() -> None:
-    layers = joined([facing_west(30.1, 0.5), facing_west(30.1, 0.2), facing_west(30.1, 0.8), facing_west(30.2, 0.1)])
+def test_of_faces_that_lie_on_each_other_the_first_is_met():
+    layers = joined(facing_west(30.1, 0.5), facing_west(30.1, 0.2), facing_west(30.1, 0.8), facing_west(30.2, 0.1))
     assert depths_m(layers) == pytest.approx(np.repeat([0.0, 2e-4, 4e-4, 0.0], 2))
     rng = np.random.default_rng(3)
     rays = np.column_stack([np.ones(2000), *rng.uniform(-0.08, 0.08, (2, 2000))])
@@ -74,6 +70,6 @@ def test_of_faces_that_lie_on_each_other_the_first_is_met() -> None:
     assert hits.distances_m == pytest.approx(30.1, abs=1e-12)  # not less by how deep they are for Embree
 
 
-def test_faces_side_by_side_or_of_one_look_lie_at_no_depth() -> None:
+def test_faces_side_by_side_or_of_one_look_lie_at_no_depth():
     beside = quads([[30.1, 15, 0], [30.1, 5, 0], [30.1, 5, 5], [30.1, 15, 5]], Surface(albedo=0.2, contrast=0.0))
-    assert not depths_m(joined([facing_west(30.1, 0.5), facing_west(30.1, 0.5), beside])).any()
+    assert not depths_m(joined(facing_west(30.1, 0.5), facing_west(30.1, 0.5), beside)).any()

@@ -1,28 +1,25 @@
 import shutil
 import threading
-from collections.abc import Callable
 from multiprocessing import active_children
-from pathlib import Path
 from signal import SIGKILL
 from time import sleep
 
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.synthesis import Scenario, production, read_scenario, synthesize
+from bench.synthesis import production, read_scenario, synthesize
 from bench.synthesis.production import MANIFEST
-from bench.synthesis.scenario import RecordingSpec
 from tests.synthesis.conftest import IDEAL, contents
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def quick(monkeypatch):
     """Recordings that hold their lines of the scenario instead of images; gives the names of what was made."""
-    made: list[str] = []
+    made = []
 
-    def written(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
+    def written(scenario, spec, root):
         made.append(root.name)
         (root / "images").mkdir(parents=True)
         (root / "images" / "0.png").write_text(spec.model_dump_json())
@@ -32,15 +29,13 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return made
 
 
-def test_same_scenario_gives_same_bytes_in_two_processes_of_which_one_is_killed_and_in_another_order(
-    scenario_file: Path, tmp_path: Path, rendered: Callable[[str], Path]
-) -> None:
+def test_same_bytes_in_two_processes_of_which_one_is_killed_and_in_another_order(scenario_file, tmp_path, rendered):
     head, recordings = scenario_file.read_text().split("recordings:\n")
     first, second = recordings.split("  - name: reversing")
     scenario_file.write_text(f"{head}recordings:\n  - name: reversing{second}{first}")
     out, killed = tmp_path / "out", []
 
-    def kill_one_that_renders() -> None:
+    def kill_one_that_renders():
         while not list((out / production.UNFINISHED).glob("*")):
             sleep(0.02)
         killed.append(active_children()[0])
@@ -59,13 +54,11 @@ def test_same_scenario_gives_same_bytes_in_two_processes_of_which_one_is_killed_
     assert [name for name in once if once[name] != again[name]] == []
 
 
-def test_interrupted_run_leaves_whole_recordings_and_resumes(
-    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_run_leaves_whole_recordings_and_resumes(scenario_file, tmp_path, quick, monkeypatch):
     out = tmp_path / "out"
     render = production.render_recording
 
-    def fails_on_second(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
+    def fails_on_second(scenario, spec, root):
         render(scenario, spec, root)
         if root.name == "reversing":
             raise KeyboardInterrupt
@@ -77,7 +70,7 @@ def test_interrupted_run_leaves_whole_recordings_and_resumes(
     before = contents(out / "crossing")
     monkeypatch.setattr(production, "render_recording", render)
     quick.clear()
-    seen: list[tuple[int, int]] = []
+    seen = []
     folders = synthesize(scenario_file, out, workers=1, progress=lambda done, total: seen.append((done, total)))
     assert quick == ["reversing"]
     assert folders == [out / "crossing", out / "reversing"]
@@ -87,13 +80,11 @@ def test_interrupted_run_leaves_whole_recordings_and_resumes(
     assert sorted(path.name for path in out.iterdir()) == ["crossing", "reversing"]
 
 
-def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing(
-    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_second_run_into_the_same_folder_waits_and_renders_nothing(scenario_file, tmp_path, quick, monkeypatch):
     out, render = tmp_path / "out", production.render_recording
-    seconds: list[threading.Thread] = []
+    seconds = []
 
-    def starts_another_run(scenario: Scenario, spec: RecordingSpec, root: Path) -> None:
+    def starts_another_run(scenario, spec, root):
         if not seconds:
             seconds.append(threading.Thread(target=synthesize, args=(scenario_file, out), kwargs={"workers": 1}))
             seconds[0].start()
@@ -107,7 +98,7 @@ def test_second_run_into_the_same_folder_waits_for_the_first_and_renders_nothing
     assert quick == ["crossing", "reversing"]
 
 
-CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
+CHANGES = {
     "speed": lambda text, _, __: text.write_text(text.read_text().replace("speed_kmh: [5]", "speed_kmh: [6]")),
     "generator": lambda _, __, patch: patch.setattr(production, "GENERATOR_VERSION", -1),
     "a recording removed": lambda _, out, __: shutil.rmtree(out / "reversing"),
@@ -116,10 +107,7 @@ CHANGES: dict[str, Callable[[Path, Path, pytest.MonkeyPatch], object]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
-def test_stale_recordings_are_never_taken_for_fresh_ones(
-    change: Callable[[Path, Path, pytest.MonkeyPatch], object],
-    scenario_file: Path, tmp_path: Path, quick: list[str], monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+def test_stale_recordings_are_never_taken_for_fresh_ones(change, scenario_file, tmp_path, quick, monkeypatch):
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
     before = contents(out / "crossing")
@@ -136,7 +124,7 @@ def test_stale_recordings_are_never_taken_for_fresh_ones(
     assert sorted(path.name for path in out.iterdir()) == ["crossing"]
 
 
-OWN: dict[str, Callable[[Path], object]] = {
+OWN = {
     "an edited file": lambda drive: (drive / "images" / "0.png").write_text("mine"),
     "a file more": lambda drive: (drive / "notes.txt").write_text("mine"),
     "a link": lambda drive: (drive / "images" / "documents").symlink_to(drive.parent),
@@ -148,9 +136,7 @@ OWN: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("change", OWN.values(), ids=OWN.keys())
-def test_what_others_changed_is_refused_where_it_would_be_rendered_again(
-    change: Callable[[Path], object], scenario_file: Path, tmp_path: Path, quick: list[str]
-) -> None:
+def test_what_others_changed_is_refused_where_it_would_be_rendered_again(change, scenario_file, tmp_path, quick):
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
     change(out / "reversing")
@@ -162,9 +148,7 @@ def test_what_others_changed_is_refused_where_it_would_be_rendered_again(
     assert quick == ["crossing", "reversing"]
 
 
-def test_copies_and_edited_recordings_that_the_scenario_does_not_have_stay(
-    scenario_file: Path, tmp_path: Path, quick: list[str]
-) -> None:
+def test_copies_and_edited_recordings_that_the_scenario_does_not_have_stay(scenario_file, tmp_path, quick):
     out = tmp_path / "out"
     synthesize(scenario_file, out, workers=1)
     copied = shutil.copytree(out / "crossing", out / "crossing-with-noise")
@@ -180,7 +164,7 @@ def test_copies_and_edited_recordings_that_the_scenario_does_not_have_stay(
     assert quick == ["crossing", "reversing"]
 
 
-def test_what_is_wanted_alone_is_rendered(scenario_file: Path, tmp_path: Path, quick: list[str]) -> None:
+def test_what_is_wanted_alone_is_rendered(scenario_file, tmp_path, quick):
     first, second = [spec.name for spec in read_scenario(scenario_file).recordings][:2]
     assert synthesize(scenario_file, tmp_path / "out", only=[second]) == [tmp_path / "out" / second]
     assert quick == [second]

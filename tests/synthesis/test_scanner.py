@@ -4,51 +4,46 @@ import numpy as np
 import pytest
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, deskew, interpolation_timestamps
+from bench.lidar import deskew, interpolation_timestamps
 from bench.synthesis.bodies import make_body
 from bench.synthesis.ego import own_body
-from bench.synthesis.mesh import Mesh, Surface, joined, quads
-from bench.synthesis.motion import EgoMotion, driven_path, ego_motion
+from bench.synthesis.mesh import Surface, joined, quads
+from bench.synthesis.motion import ego_motion
 from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, Echoes, LidarScanner, _are_panes, detected, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
 from bench.synthesis.scene import Actor
 from bench.synthesis.world import build_world
 from bench.times import SECOND_NS
+from tests.synthesis.conftest import drive
 
 GREY = Surface(albedo=0.4, contrast=0.0)
 ROOF = RigidTransform(np.eye(3), np.array([1.2, 0.0, 1.8]))
 PERFECT = {"position_m": (1.2, 0.0, 1.8), "range_noise_m": 0.0, "weakest_return_per_m2": 0.0}
 
 
-def floor(surface: Surface = GREY) -> Mesh:
+def floor(surface=GREY):
     return quads([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
 
 
-def wall(x_m: float, surface: Surface = GREY) -> Mesh:
+def wall(x_m, surface=GREY):
     return quads([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
 
 
-def ego(speed_mps: float = 0.0, yaw_rate_radps: float = 0.0, suspension: SuspensionSpec | None = None) -> EgoMotion:
-    path = driven_path(
-        times_s=[0, 2],
-        speeds_mps=[speed_mps, speed_mps / 2],
-        yaw_rates_radps=yaw_rate_radps,
-        first_ns=-SECOND_NS,
-        last_ns=2 * SECOND_NS,
-    )
+def ego(speed_mps=0.0, yaw_rate_radps=0.0, suspension=None):
+    path = drive([0, 2], [speed_mps, speed_mps / 2], yaw_rate_radps)
     return ego_motion(path, suspension, rng=np.random.default_rng(4))
 
 
-def scanner(world: Mesh, motion: EgoMotion, actors: tuple[Actor, ...] = (), **changes: float | str) -> LidarScanner:
-    spec = LidarSpec(**(PERFECT | changes))  # type: ignore[arg-type]
+def scanner(world, motion, actors=(), **changes):
+    spec = LidarSpec(**(PERFECT | changes))
     return LidarScanner(spec, vehicle_from_lidar=ROOF, world=world, own_body=own_body(), actors=actors, ego=motion)
 
 
-def scan(lidar: LidarScanner, time_ns: int = SECOND_NS // 2, seed: int = 0) -> LidarSweep:
+def scan(lidar, time_ns=SECOND_NS // 2, seed=0):
     return lidar.scan(time_ns, timestamp_ns=time_ns, rng=np.random.default_rng(seed))
 
 
-def placed(sweep: LidarSweep, motion: EgoMotion) -> np.ndarray:
+def placed(sweep, motion):
     """Points in the world, by the project's own de-skewing with the true poses."""
     interpolation_ns = interpolation_timestamps(sweep.times_ns)
     poses = motion.at(interpolation_ns)
@@ -61,7 +56,7 @@ def placed(sweep: LidarSweep, motion: EgoMotion) -> np.ndarray:
     )
 
 
-def test_beams_are_those_of_the_manual() -> None:
+def test_beams_are_those_of_the_manual():
     assert len(BEAMS_DEG) == 64
     assert BEAMS_DEG[[0, 31, 32, 63]] == pytest.approx([2.0, -8.3333, -8.83, -24.33], abs=1e-3)
     beams = revolution(LidarSpec(position_m=(0, 0, 2)))
@@ -72,7 +67,7 @@ def test_beams_are_those_of_the_manual() -> None:
     assert len(revolution(LidarSpec(position_m=(0, 0, 2), rotation_hz=20)).offsets_ns) == 1042
 
 
-def test_beams_of_two_blocks_start_where_the_calibration_says() -> None:
+def test_beams_of_two_blocks_start_where_the_calibration_says():
     beams = revolution(LidarSpec(position_m=(0, 0, 2), beams="two_blocks"))
     heights_m = beams.starts_lidar[..., 2]
     assert (heights_m == heights_m[0]).all()
@@ -80,18 +75,17 @@ def test_beams_of_two_blocks_start_where_the_calibration_says() -> None:
     assert heights_m[0, [0, 31, 32, 63]] == pytest.approx([0.213, 0.193, 0.122, 0.105], abs=0.005)
     aside_m = np.linalg.norm(beams.starts_lidar[..., :2], axis=2)
     assert aside_m == pytest.approx(0.026)
-    assert (
-        np.abs((beams.starts_lidar[..., :2] * beams.rays_lidar[..., :2]).sum(axis=2)).max() < 1e-12
-    )  # across the beam
+    along_m = (beams.starts_lidar[..., :2] * beams.rays_lidar[..., :2]).sum(axis=2)
+    assert np.abs(along_m).max() < 1e-12  # across the beam
 
 
 @pytest.mark.parametrize("beams", ["one_origin", "two_blocks"])
-def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces(beams: str) -> None:
+def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces(beams):
     motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
     near = quads([[6.0, 20, 0], [6.0, 3, 0], [6.0, 3, 8], [6.0, 20, 8]], GREY)
-    sweep = scan(scanner(joined([floor(), near, wall(22.0)]), motion, beams=beams))
+    sweep = scan(scanner(joined(floor(), near, wall(22.0)), motion, beams=beams))
 
-    def farthest_off_m(motion: EgoMotion) -> float:
+    def farthest_off_m(motion):
         x, _, z = placed(sweep, motion).T
         return float(np.abs([z, x - 6.0, x - 22.0]).min(axis=0).max())
 
@@ -106,7 +100,7 @@ def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces(be
             assert sweep.points_lidar[rows, 2] == pytest.approx(lifts_m, abs=4e-3)
 
 
-def test_range_noise_is_as_stated() -> None:
+def test_range_noise_is_as_stated():
     sweep = scan(scanner(wall(10.0), ego(), range_noise_m=0.02))
     ranges_m = np.linalg.norm(sweep.points_lidar, axis=1)
     true_m = 8.8 / (sweep.points_lidar[:, 0] / ranges_m)
@@ -114,7 +108,7 @@ def test_range_noise_is_as_stated() -> None:
     assert abs((ranges_m - true_m).mean()) < 1e-3
 
 
-def share_returned(surface: Surface, x_m: float, **changes: float) -> float:
+def share_returned(surface, x_m, **changes):
     """Of the pulses within 20 degrees of straight ahead on a wall."""
     found, possible = (
         len(scan(scanner(wall(x_m, look), ego(), sector_deg=40.0, max_range_m=80.0, **more)).points_lidar)
@@ -123,7 +117,7 @@ def share_returned(surface: Surface, x_m: float, **changes: float) -> float:
     return found / possible
 
 
-def test_dark_and_far_surfaces_return_fewer_pulses() -> None:
+def test_dark_and_far_surfaces_return_fewer_pulses():
     real = {"weakest_return_per_m2": 5e-6}
     assert share_returned(Surface(albedo=0.5, contrast=0.0), 20.0, **real) > 0.999
     assert share_returned(Surface(albedo=0.02, contrast=0.0), 20.0, **real) > 0.99
@@ -131,7 +125,7 @@ def test_dark_and_far_surfaces_return_fewer_pulses() -> None:
     assert share_returned(Surface(albedo=0.004, contrast=0.0), 65.0, **real) < 0.05
 
 
-def test_dark_surfaces_return_fewer_pulses_from_near_too_the_more_they_are_tilted() -> None:
+def test_dark_surfaces_return_fewer_pulses_from_near_too_the_more_they_are_tilted():
     paint, tyre, grey = (Surface(albedo=albedo, contrast=0.05, mirror=0.04) for albedo in (0.05, 0.06, 0.4))
     near = {"weakest_reflectance": 0.03}
     assert share_returned(grey, 3.0, **near) > 0.999
@@ -146,7 +140,7 @@ def test_dark_surfaces_return_fewer_pulses_from_near_too_the_more_they_are_tilte
     assert shares[1] < 0.05
 
 
-def test_panes_return_few_pulses_gloss_paint_all_of_them_and_the_sky_none() -> None:
+def test_panes_return_few_pulses_gloss_paint_all_of_them_and_the_sky_none():
     pane, black = (Surface(albedo=0.05, contrast=contrast, mirror=0.04) for contrast in (0.25, 0.07))
     assert 0.1 < share_returned(pane, 6.0, pane_returns=0.2) < 0.2
     assert share_returned(pane, 6.0, pane_returns=0.0) == 0.0
@@ -154,25 +148,22 @@ def test_panes_return_few_pulses_gloss_paint_all_of_them_and_the_sky_none() -> N
     assert share_returned(Surface(albedo=0.9, contrast=0.0, sky=True), 10.0) == 0.0
 
 
-def test_windows_of_cars_and_houses_are_panes() -> None:
+def test_windows_of_cars_and_houses_are_panes():
     street = build_world(StreetSpec(), np.random.default_rng(0)).mesh.surfaces
     for surfaces in (make_body("car", np.random.default_rng(0)).mesh.surfaces, street):
         assert 0.0 < _are_panes(surfaces).mean() < 0.4
 
 
-def test_intensity_tells_albedo_and_incidence() -> None:
-    world = joined([wall(10.0, Surface(albedo=0.5, contrast=0.0))])
-    sweep = scan(scanner(world, ego(), sector_deg=20))
-    assert sweep.intensity is not None
+def test_intensity_tells_albedo_and_incidence():
+    sweep = scan(scanner(wall(10.0, Surface(albedo=0.5, contrast=0.0)), ego(), sector_deg=20))
     assert sweep.intensity.dtype == np.float32
     assert np.median(sweep.intensity) == pytest.approx(0.5, rel=0.05)
     flat = scan(scanner(floor(), ego(), max_range_m=15))
-    assert flat.intensity is not None
     steep, grazing = flat.ring == 63, flat.ring == 40
     assert np.median(flat.intensity[steep]) > 1.5 * np.median(flat.intensity[grazing])
 
 
-def test_the_ego_vehicles_roof_gives_no_points() -> None:
+def test_the_ego_vehicles_roof_gives_no_points():
     sweep = scan(scanner(floor(), ego()))
     points_vehicle = ROOF.apply(sweep.points_lidar.astype(np.float64))
     assert np.abs(points_vehicle[:, 2]).max() < 0.01
@@ -181,18 +172,10 @@ def test_the_ego_vehicles_roof_gives_no_points() -> None:
 
 
 @pytest.mark.parametrize("beams", ["one_origin", "two_blocks"])
-def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(beams: str) -> None:
+def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(beams):
     body = make_body("car", np.random.default_rng(1))
     body.mesh.surfaces[:, COLUMN_OF["mirror"]] = 0.0  # no panes, which lose pulses
-    path = driven_path(
-        times_s=0.0,
-        speeds_mps=9.0,
-        yaw_rates_radps=0.0,
-        first_ns=-SECOND_NS,
-        last_ns=2 * SECOND_NS,
-        through=(9.0, 3.0, np.pi / 2),
-        through_ns=SECOND_NS // 2,
-    )
+    path = drive(0.0, 9.0, through=(9.0, 3.0, np.pi / 2), through_ns=SECOND_NS // 2)
     car = Actor(name="car", instance_id=1, body=body, path=path)
     motion = ego(6.0, 0.0, SuspensionSpec())
     sweep = scan(scanner(floor(), motion, (car,), beams=beams))
@@ -205,7 +188,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(b
     assert (np.abs(local_m[:, :2]) <= half_m[:2] + 4e-3).all()
     assert (local_m[:, 2] <= body.size_m[2] + 4e-3).all()
     # Each pulse has one echo: the car takes as many as the world loses.
-    room = joined([floor(), wall(16.0)])
+    room = joined(floor(), wall(16.0))
     with_car, without = (
         scan(scanner(room, motion, actors, sector_deg=60, max_range_m=100, beams=beams)) for actors in ((car,), ())
     )

@@ -1,7 +1,5 @@
 """Scenario files: what is told of a fault, draws of a series, and bodies that overlap."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import shapely
@@ -13,10 +11,10 @@ from bench.synthesis import read_scenario
 from bench.synthesis.ego import OUTLINE_M
 from bench.synthesis.scenario import DrawError, Sampler, SeriesSpec
 from bench.synthesis.scene import (
+    MovingOutline,
     box_outline,
     box_size,
     first_clash,
-    footprints,
     plan_trajectories,
     swept_ground,
     watched_times,
@@ -75,9 +73,7 @@ WRONG_SERIES = [
     ("right", "changes", "field", "told"),
     [*((MINIATURE, *wrong) for wrong in WRONG), *((SERIES, *wrong) for wrong in WRONG_SERIES)],
 )
-def test_fault_is_told_with_file_and_field(
-    scenario_file: Path, right: str, changes: dict[str, str], field: str, told: str
-) -> None:
+def test_fault_is_told_with_file_and_field(scenario_file, right, changes, field, told):
     text = right
     for old, new in changes.items():
         assert old in text
@@ -90,13 +86,13 @@ def test_fault_is_told_with_file_and_field(
     assert told in str(caught.value)
 
 
-def test_bodies_that_would_meet_only_later_are_no_fault(scenario_file: Path) -> None:
+def test_bodies_that_would_meet_only_later_are_no_fault(scenario_file):
     scenario_file.write_text(MINIATURE.replace("[8, -1]", "[5, -2.5]"))
     read_scenario(scenario_file)
 
 
 @pytest.mark.parametrize("text", [None, "", "- 1", "a: [", "\x00"])
-def test_other_files_are_refused(tmp_path: Path, text: str | None) -> None:
+def test_other_files_are_refused(tmp_path, text):
     if text is not None:
         (tmp_path / "other.yaml").write_text(text)
     with pytest.raises(DataError, match=r"other\.yaml"):
@@ -125,15 +121,15 @@ TEMPLATE = {
 }
 
 
-def series(**changes: object) -> SeriesSpec:
+def series(**changes):
     return SeriesSpec.model_validate({**TEMPLATE, **changes})
 
 
-def sampler(index: int = 0, **values: object) -> Sampler:
+def sampler(index=0, **values):
     return Sampler(seed=7, series="s", index=index, count=5, values=values)
 
 
-def test_same_seed_gives_the_same_recordings_in_any_order() -> None:
+def test_same_seed_gives_the_same_recordings_in_any_order():
     forwards = [series().recording(k, seed=1)[0] for k in range(12)]
     backwards = [series().recording(k, seed=1)[0] for k in reversed(range(12))]
     assert forwards == backwards[::-1]
@@ -144,16 +140,16 @@ def test_same_seed_gives_the_same_recordings_in_any_order() -> None:
     assert again["host"] != forwards[3]["host"]
 
 
-def test_a_draw_depends_on_its_own_line_alone() -> None:
+def test_a_draw_depends_on_its_own_line_alone():
     before = series().recording(3, seed=1)[0]
     others = [{"name": "new", "kind": "van", "position_m": [{"uniform": [20, 30]}, 0]}]
-    after = series(count=13, actors=TEMPLATE["actors"] + others).recording(3, seed=1)[0]  # type: ignore[operator]
+    after = series(count=13, actors=TEMPLATE["actors"] + others).recording(3, seed=1)[0]
     assert after["host"] == before["host"]
     assert after["actors"][1:-1] == before["actors"][1:]
     assert after["actors"][0]["position_m"][0] == before["actors"][0]["position_m"][0]
 
 
-def test_named_values_are_drawn_once_steps_are_even_and_repeats_know_where_they_come_from() -> None:
+def test_named_values_are_drawn_once_steps_are_even_and_repeats_know_where_they_come_from():
     counts, steps = set(), []
     for k in range(12):
         one, origins = series().recording(k, seed=1)
@@ -171,7 +167,7 @@ def test_named_values_are_drawn_once_steps_are_even_and_repeats_know_where_they_
 
 
 @given(low=st.floats(-100, 100), width=st.floats(0, 100), path=st.text(max_size=5))
-def test_uniform_stays_within_its_ends(low: float, width: float, path: str) -> None:
+def test_uniform_stays_within_its_ends(low, width, path):
     value = sampler().drawn({"uniform": [low, low + width]}, path)
     assert low - 1e-4 <= value <= low + width + 1e-4
 
@@ -189,24 +185,24 @@ def test_uniform_stays_within_its_ends(low: float, width: float, path: str) -> N
         ({"product": [True, 2]}, "a number"),
     ],
 )
-def test_what_is_no_draw_is_told_with_its_place(node: object, told: str) -> None:
+def test_what_is_no_draw_is_told_with_its_place(node, told):
     with pytest.raises(DrawError, match=told) as caught:
         sampler(speed=3).drawn({"host": [node]}, "here")
     assert caught.value.path.startswith("here.host.0")
 
 
-def test_values_cannot_hold_themselves() -> None:
+def test_values_cannot_hold_themselves():
     with pytest.raises(DrawError, match="name under values"):
         sampler(a={"sum": [{"value": "b"}, 1]}, b={"value": "a"}).drawn({"value": "a"}, "x")
 
 
 @pytest.mark.parametrize("repeat", [-1, 41, 1.5, True, "two"])
-def test_repeat_is_a_sensible_number(repeat: object) -> None:
+def test_repeat_is_a_sensible_number(repeat):
     with pytest.raises(DrawError, match="whole number"):
         series(actors=[{"name": "x", "repeat": repeat}]).recording(0, seed=1)
 
 
-def test_series_is_drawn_again_until_everybody_has_a_place(scenario_file: Path) -> None:
+def test_series_is_drawn_again_until_everybody_has_a_place(scenario_file):
     scenario_file.write_text(SERIES)
     scenario = read_scenario(scenario_file)
     assert [spec.name for spec in scenario.recordings] == [f"drive-0{k}" for k in range(1, 7)]
@@ -216,7 +212,7 @@ def test_series_is_drawn_again_until_everybody_has_a_place(scenario_file: Path) 
     assert read_scenario(scenario_file) == scenario
 
 
-def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
+def test_swept_ground_holds_every_footprint(scenario_file):
     scenario = read_scenario(scenario_file)
     spec = scenario.recordings[0]
     trajectories = plan_trajectories(scenario, spec)
@@ -224,15 +220,16 @@ def test_swept_ground_holds_every_footprint(scenario_file: Path) -> None:
     grounds = swept_ground(trajectories, sizes)
     assert len(grounds) == 1 + len(spec.actors)
     fine = np.arange(watched_times(trajectories)[0], watched_times(trajectories)[-1], 7_000_000, dtype=np.int64)
-    rows = [footprints(trajectories.ego.at(fine), OUTLINE_M)]
-    rows += [footprints(way.at(fine), box_outline(size)) for way, size in zip(trajectories.actors, sizes, strict=True)]
-    for ground, row in zip(grounds, rows, strict=True):
-        assert shapely.contains(ground, row).all()
+    outlines_m = [OUTLINE_M, *map(box_outline, sizes)]
+    for ground, path, outline_m in zip(grounds, (trajectories.ego, *trajectories.actors), outlines_m, strict=True):
+        footprints = MovingOutline(poses=path.at(fine), outline_m=outline_m).footprints()
+        assert shapely.contains(ground, footprints).all()
 
 
-def test_footprint_is_the_outline_where_the_body_is(scenario_file: Path) -> None:
+def test_footprint_is_the_outline_where_the_body_is(scenario_file):
     scenario = read_scenario(scenario_file)
     trajectories = plan_trajectories(scenario, scenario.recordings[0])
-    walker = footprints(trajectories.actors[0].at([0]), box_outline(np.array([0.8, 0.5, 1.7])))[0]
+    outline_m = box_outline(np.array([0.8, 0.5, 1.7]))
+    (walker,) = MovingOutline(poses=trajectories.actors[0].at([0]), outline_m=outline_m).footprints()
     # Walks to the left from (8, -1): its length lies across the ego vehicle's lane.
     assert shapely.bounds(walker) == pytest.approx([7.75, -1.4, 8.25, -0.6])

@@ -5,13 +5,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 import shapely
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from bench.synthesis.mesh import Mesh
-from bench.synthesis.rays import Hits, RayScene
+from bench.synthesis.rays import RayScene
 from bench.synthesis.scenario import SideStreetSpec, StreetSpec, named_rng
-from bench.synthesis.world import World, build_world
+from bench.synthesis.world import build_world
 
 SPECS = {
     "street": StreetSpec(parking="both", zebra_at_m=(12.0,), trees=0.6),
@@ -31,36 +29,34 @@ EVERYTHING_M = 400.0
 
 
 @pytest.fixture(scope="module", params=SPECS)
-def kind(request: pytest.FixtureRequest) -> str:
+def kind(request):
     return str(request.param)
 
 
 @pytest.fixture(scope="module")
-def world(kind: str) -> World:
+def world(kind):
     return build_world(SPECS[kind], named_rng(3, kind), [WALK, DRIVE])
 
 
-def seen_from_above(
-    mesh: Mesh, places_m: NDArray[np.float64], *, from_m: float = 30.0
-) -> tuple[Hits, NDArray[np.float64]]:
+def seen_from_above(mesh, places_m, *, from_m=30.0):
     """What lies below places (N, 2), and how high it is."""
     origins = np.column_stack([places_m, np.full(len(places_m), from_m)])
     hits = RayScene(mesh.corners_m).cast(np.tile([[0.0, 0.0, -1.0]], (len(places_m), 1)), origins)
     return hits, from_m - hits.distances_m
 
 
-def grid(x_m: tuple[float, float], y_m: tuple[float, float], step_m: float = 0.31) -> NDArray[np.float64]:
+def grid(x_m, y_m, step_m=0.31):
     x, y = np.meshgrid(np.arange(*x_m, step_m), np.arange(*y_m, step_m))
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def test_obstacles_keep_clear_of_ways_and_of_each_other(world: World) -> None:
+def test_obstacles_keep_clear_of_ways_and_of_each_other(world):
     assert len(world.obstacles) > 20
     assert not any(shapely.intersects([WALK, DRIVE], obstacle).any() for obstacle in world.obstacles)
     assert sum(shapely.intersection(a, b).area for a, b in combinations(world.obstacles, 2)) == 0
 
 
-def test_the_ground_has_no_holes_and_is_clear_where_someone_walks_and_drives(world: World, kind: str) -> None:
+def test_the_ground_has_no_holes_and_is_clear_where_someone_walks_and_drives(world, kind):
     _, height_m = seen_from_above(world.mesh, grid((-60.0, 120.0), (-60.0, 60.0), 1.7), from_m=100.0)
     assert height_m.min() > -0.06
     # From below the crowns and eaves that one may walk under.
@@ -72,7 +68,7 @@ def test_the_ground_has_no_holes_and_is_clear_where_someone_walks_and_drives(wor
     assert hits.normals[:, 2].min() > 0.99
 
 
-def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
+def test_what_stands_out_is_an_obstacle(world, kind):
     places_m = grid((-15.0, 45.0), (-9.0, 9.0), 0.23)
     _, height_m = seen_from_above(world.mesh, places_m, from_m=1.5)
     high = places_m[height_m > SPECS[kind].kerb_m + 0.05]
@@ -82,7 +78,7 @@ def test_what_stands_out_is_an_obstacle(world: World, kind: str) -> None:
     assert np.quantile(away_m, 0.98) < 0.3
 
 
-def test_pavement_lies_a_kerb_above_the_road() -> None:
+def test_pavement_lies_a_kerb_above_the_road():
     spec = StreetSpec(kerb_m=0.14, pavement_m=3.0, trees=0.0)
     mesh = build_world(spec, named_rng(0, "kerb")).mesh
     edge_m = 0.5 * spec.lane_width_m
@@ -96,7 +92,7 @@ def test_pavement_lies_a_kerb_above_the_road() -> None:
     assert pavement_m.min() > 0.02
 
 
-def test_zebra_crossing_is_painted_from_kerb_to_lowered_kerb() -> None:
+def test_zebra_crossing_is_painted_from_kerb_to_lowered_kerb():
     spec = StreetSpec(zebra_at_m=(12.0,))
     mesh = build_world(spec, named_rng(0, "zebra")).mesh
     across = np.stack([np.full(400, 12.0), np.linspace(-1.6, 4.85, 400)], axis=1)
@@ -109,7 +105,7 @@ def test_zebra_crossing_is_painted_from_kerb_to_lowered_kerb() -> None:
     assert kerb_m == pytest.approx([0.025, 0.025], abs=2e-3)
 
 
-def test_side_street_opens_the_kerb_with_rounded_corners() -> None:
+def test_side_street_opens_the_kerb_with_rounded_corners():
     spec = StreetSpec(side_streets=(SideStreetSpec(at_m=20, side="right", width_m=6),), trees=0.0)
     mesh = build_world(spec, named_rng(0, "side")).mesh
     _, mouth_m = seen_from_above(mesh, grid((17.2, 22.8), (-30.0, -2.0)), from_m=1.0)
@@ -120,7 +116,7 @@ def test_side_street_opens_the_kerb_with_rounded_corners() -> None:
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_parked_cars_take_their_share_of_the_places(share: float) -> None:
+def test_parked_cars_take_their_share_of_the_places(share):
     spec = StreetSpec(parking="right", parked_cars=share, lanes_left=0, buildings=False, hedges=0.0, trees=0.0)
     world = build_world(spec, named_rng(0, "cars"), [])
     lane = shapely.box(-40.0, -1.625 - 2.1, 100.0, -1.625)
@@ -129,7 +125,7 @@ def test_parked_cars_take_their_share_of_the_places(share: float) -> None:
     assert all(3.0 < shapely.oriented_envelope(car).length < 20.0 for car in cars)
 
 
-def test_an_avenue_has_as_many_lanes_on_both_sides_of_its_rail() -> None:
+def test_an_avenue_has_as_many_lanes_on_both_sides_of_its_rail():
     spec = StreetSpec(kind="avenue", lanes_left=1)
     mesh = build_world(spec, named_rng(0, "avenue")).mesh
     left_m = 1.5 * spec.lane_width_m
@@ -140,7 +136,7 @@ def test_an_avenue_has_as_many_lanes_on_both_sides_of_its_rail() -> None:
     assert rail_m.max() == pytest.approx(0.75, abs=0.06)
 
 
-def test_a_gantry_spans_the_whole_road_above_the_traffic_and_posts_mark_its_edges() -> None:
+def test_a_gantry_spans_the_whole_road_above_the_traffic_and_posts_mark_its_edges():
     plain = StreetSpec(kind="avenue", lanes_left=1, trees=0.0, hedges=0.0, buildings=False)
     fast = plain.model_copy(update={"gantries_at_m": (20.0,), "marker_posts": True})
     bare, built = (build_world(spec, named_rng(0, "fast")) for spec in (plain, fast))
@@ -157,7 +153,7 @@ def test_a_gantry_spans_the_whole_road_above_the_traffic_and_posts_mark_its_edge
     assert (right | left).all()
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_one_another_world(kind: str, world: World) -> None:
+def test_the_same_seed_gives_the_same_bytes_and_another_one_another_world(kind, world):
     again = build_world(SPECS[kind], named_rng(3, kind), [WALK, DRIVE])
     assert np.array_equal(again.mesh.corners_m, world.mesh.corners_m)
     assert np.array_equal(again.mesh.texture_m, world.mesh.texture_m)
@@ -168,7 +164,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_another_world(kind: 
         assert len(other.mesh.corners_m) != len(world.mesh.corners_m)
 
 
-def test_world_is_sound_and_small_enough_to_render(world: World) -> None:
+def test_world_is_sound_and_small_enough_to_render(world):
     mesh = world.mesh
     assert len(mesh.corners_m) <= 40_000
     assert np.isfinite(mesh.corners_m).all()
@@ -181,7 +177,7 @@ def test_world_is_sound_and_small_enough_to_render(world: World) -> None:
     assert (np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > 0).all()
 
 
-def test_rain_darkens_the_ground_and_nothing_else() -> None:
+def test_rain_darkens_the_ground_and_nothing_else():
     dry, wet = (build_world(StreetSpec(wet=wet), named_rng(3, "street")).mesh for wet in (False, True))
     np.testing.assert_array_equal(dry.corners_m, wet.corners_m)
     np.testing.assert_array_equal(dry.surfaces[:, 1:], wet.surfaces[:, 1:])
@@ -207,6 +203,6 @@ def test_rain_darkens_the_ground_and_nothing_else() -> None:
         ({"curvature_per_m": 0.05, "side_streets": [{"at_m": 10, "side": "left"}]}, "none inside the bend"),
     ],
 )
-def test_what_does_not_fit_is_refused(fields: dict[str, object], expected: str) -> None:
+def test_what_does_not_fit_is_refused(fields, expected):
     with pytest.raises(ValidationError, match=expected):
         StreetSpec.model_validate(fields)

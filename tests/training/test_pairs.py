@@ -63,12 +63,7 @@ def test_inputs_are_prepared_once(card, tmp_path, disturbed):
 
     def prepared():
         return prepare(
-            card,
-            "validation",
-            tmp_path,
-            disturbed=disturbed,
-            workers=1,
-            progress=lambda *count: told.append(count),
+            card, "validation", tmp_path, disturbed=disturbed, workers=1, progress=lambda *count: told.append(count)
         )
 
     (drive,) = prepared()

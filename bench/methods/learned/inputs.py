@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.flow import cell_mean
-from bench.methods.contract import MethodInput, UnansweredImage
+from bench.methods.contract import MethodInput
 from bench.methods.rigid_scene.evidence import LEAST_NOISE, Evidence, noise_of
 from bench.methods.rigid_scene.method import RigidSceneMethod
-from bench.methods.rigid_scene.scene import OUTSIDE_PX, RigidScene, Views, at_every_pixel, sampled
+from bench.methods.rigid_scene.scene import OUTSIDE_PX, RigidScene, Views, at_every_pixel, sampled, spread
 from bench.methods.spherical.likelihood import CONSTRAINTS, PAPER_ANGLE_RAD
 from bench.methods.spherical.method import SphericalMethod
 
@@ -84,13 +84,8 @@ def network_input(views: Views, coarse: Sequence[str] = COARSE, fine: Sequence[s
         views: the images.
         coarse: names of `COARSE`, in the order of the answer.
         fine: names of `FINE`.
-
-    Raises:
-        UnansweredImage: there is no ego-motion, without which there is no geometry.
     """
     given = views.given
-    if not given.current_from_previous:
-        raise UnansweredImage("learned: expected the ego-motion between the images, got none")
     last = RIGID_SCENE.evidence(given)
     far = last.scene.dense_flow_at(0.0)
     nothing: dict[str, Bytes] = dict.fromkeys(GROUPS["earlier"], np.array(ZERO, np.uint8))  # at the start of a drive
@@ -223,7 +218,7 @@ def _at_size(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     if (height, width) == shape:
         return values
     if values.ndim == 2:
-        return np.asarray(cv2.resize(values.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
+        return spread(values, shape)
     scaled = values * np.array((shape[1] / width, shape[0] / height), np.float32)
     return np.asarray(cv2.resize(scaled, shape[::-1], interpolation=cv2.INTER_LINEAR))
 

@@ -6,11 +6,11 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.errors import DataError, UsageError
 from bench.methods.contract import Method, MethodInput
@@ -78,7 +78,7 @@ class LearnedMethod(Method):
         threshold: score above which a cell moves; None for the card's.
 
     Raises:
-        UsageError: ONNX Runtime is not installed, or a threshold that is no score.
+        UsageError: ONNX Runtime is not installed.
         DataError: weights that cannot be used.
 
     Source:
@@ -89,11 +89,9 @@ class LearnedMethod(Method):
     longest_history = BACK
 
     weights: str = ""
-    threshold: float | None = None
+    threshold: Annotated[float, Field(ge=0, lt=1)] | None = None
 
     def __post_init__(self) -> None:
-        if self.threshold is not None and not 0 <= self.threshold < 1:
-            raise UsageError(f"learned: threshold: expected a number in [0, 1), got {self.threshold}")
         if onnxruntime is None:
             raise UsageError(f"learned: expected ONNX Runtime, which runs the network; install it: {INSTALL}")
         self.trained  # noqa: B018 - errors in the files are told when the method is built
@@ -105,11 +103,7 @@ class LearnedMethod(Method):
         return file, file.with_suffix(".json")
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image; see `bench.methods.contract`.
-
-        Raises:
-            UnansweredImage: there is no ego-motion.
-        """
+        """Segment the last image; see `bench.methods.contract`."""
         views, trained = Views.of(frame), self.trained
         valid = resized(frame.valid.astype(np.uint8) * 255, views.fine[-1].shape[::-1]) > 250
         scores = self.scores(network_input(views, trained.coarse, trained.fine))

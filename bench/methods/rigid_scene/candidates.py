@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bench.errors import UsageError
 from bench.methods.rigid_scene.evidence import BELOW_HORIZON, CELL, WINDOW_PX, Evidence, Image
-from bench.methods.rigid_scene.scene import RigidScene, box_mean, sampled, shortened
+from bench.methods.rigid_scene.scene import RigidScene, box_mean, sampled, shortened, spread
 
 Mask = NDArray[np.bool_]
 REACH_PX = (5, 11, 21)  # squares over which the motion of seeds is carried to what lies around
@@ -318,7 +318,6 @@ def find_candidates(
         images: these two and the one before them, by which own shadow and light are left out; None to leave them in.
         slow_px: only what deviates by less is looked for.
     """
-    height, width = evidence.sigmas.shape
     deviation = evidence.flow - evidence.nearest
     usable = ~evidence.road_seen
     if np.isfinite(slow_px):
@@ -328,8 +327,8 @@ def find_candidates(
     blobs = _with_seeds(likely, seeds)
     hanging = np.zeros_like(blobs)
     if settings.floating > 0:
-        cells = floating(evidence, at_most=settings.floating, calm_sigmas=2 * settings.sigmas).astype(np.uint8)
-        hanging = cv2.resize(cells, (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        cells = floating(evidence, at_most=settings.floating, calm_sigmas=2 * settings.sigmas)
+        hanging = spread(cells, hanging.shape)
     region = _moving_together(deviation, blobs) & ~evidence.edge & ~evidence.road_seen
     sure = (region & (evidence.misfit > settings.mark)) | hanging
     region |= hanging

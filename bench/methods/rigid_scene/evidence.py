@@ -11,12 +11,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
-from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, at_every_pixel, box_mean, sampled
+from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, at_every_pixel, box_mean, sampled, spread
+from bench.methods.settings import Positive
 
 Image = NDArray[np.float32]
 GRADIENT_NOISE = 2 * (3**2 + 10**2 + 3**2) / 32**2  # variance of Scharr's gradient, for pixels of variance 1
@@ -202,18 +205,39 @@ class Evidence:
     road: Image
 
 
+@dataclass(frozen=True, kw_only=True)
+class EvidenceSettings:
+    """Settings of how images are compared with rigid scenes.
+
+    Attributes:
+        sigmas: the flow's own uncertainty is the unit of deviations; else `constant_px`.
+        photometric: a cell is static where some static depth explains the grey values as well as its flow does; else
+            the flow is believed.
+        light: what shows the road's own texture is static, whatever shadow or headlight moves over it.
+        nearest_m: nothing static is nearer to the camera.
+        tilt_rad: uncertainty of the road's plane as the lower bound of heights.
+        floor_px: accuracy of the flow where texture is plenty, at half the size.
+        constant_px: unit of deviations without `sigmas`, at half the size; a third of the paper's 0.24 px at 165 px per
+            radian, since the threshold is in standard deviations.
+        texture: correlation from which the road's texture is recognised.
+    """
+
+    sigmas: bool = True
+    photometric: bool = True
+    light: bool = True
+    nearest_m: Positive = 1.0
+    tilt_rad: Annotated[float, Field(ge=0)] = 0.01
+    floor_px: Positive = 0.1
+    constant_px: Positive = 0.06
+    texture: float = 0.5
+
+
 def gather_evidence(
     current: NDArray[np.uint8],
     previous: NDArray[np.uint8],
     guided: GuidedFlow,
     scene: RigidScene,
-    *,
-    tilt_rad: float,
-    nearest_m: float,
-    floor_px: float,
-    texture: float | None,
-    constant_px: float | None,
-    photometric: bool,
+    settings: EvidenceSettings,
 ) -> Evidence:
     """Compare flow and grey values with those of every rigid scene.
 
@@ -222,24 +246,22 @@ def gather_evidence(
         previous: (H, W) uint8, grey.
         guided: flow between them.
         scene: motion and road, at the images' size.
-        tilt_rad: uncertainty of the road's plane.
-        nearest_m: nothing static is nearer.
-        floor_px: see `flow_information`.
-        texture: correlation above which the road is recognised under changing light; None for never.
-        constant_px: deviations are measured in this unit; None for the flow's own standard deviation.
-        photometric: False to believe the flow without a test of grey values.
+        settings: how.
     """
     now, before = current.astype(np.float32), previous.astype(np.float32)
     warped = guided.warped.astype(np.float32)
     noise = noise_of(now - warped, ~guided.neutral, least=LEAST_NOISE)
     slope_u, slope_v = gradients(now)
     tensor = structure_tensor(slope_u, slope_v, side_px=TENSOR_PX, noise=noise)
-    information = flow_information((tensor[0][CELL], tensor[1][CELL], tensor[2][CELL]), noise=noise, floor_px=floor_px)
-    if constant_px is not None:
-        information = Information.isotropic(information.uu.shape, constant_px)
+    cells = tensor[0][CELL], tensor[1][CELL], tensor[2][CELL]
+    information = (
+        flow_information(cells, noise=noise, floor_px=settings.floor_px)
+        if settings.sigmas
+        else Information.isotropic(cells[0].shape, settings.constant_px)
+    )
 
     moves = bool(np.linalg.norm(scene.current_from_previous.translation_m) > STILL_M)
-    depths = _searched_depths(scene, tilt_rad=tilt_rad, nearest_m=nearest_m, moves=moves)
+    depths = _searched_depths(scene, settings, moves=moves)
     flows = [np.nan_to_num(scene.flow_at(depth), nan=0.0) for depth in depths]
     chosen = sorted({round(k * (len(flows) - 1) / (CURVE_POINTS - 1)) for k in range(CURVE_POINTS)})
     curve = [at_every_pixel(flows[k], scene.camera)[CELL] for k in chosen]
@@ -254,8 +276,10 @@ def gather_evidence(
 
     static, cost = _best_static(now, before, flows, scene, (guided.guess, nearest))
     free = box_mean((now - sampled(before, guided.flow)) ** 2, WINDOW_PX)
-    variance = box_mean(noise**2 + floor_px**2 * (slope_u**2 + slope_v**2), WINDOW_PX)
-    misfit = (cost - free) / variance if photometric else np.where(off > 0, np.float32(UNTESTED), np.float32(0))
+    variance = box_mean(noise**2 + settings.floor_px**2 * (slope_u**2 + slope_v**2), WINDOW_PX)
+    misfit = (
+        (cost - free) / variance if settings.photometric else np.where(off > 0, np.float32(UNTESTED), np.float32(0))
+    )
     misfit[edge] = 0
 
     fall = at_every_pixel(scene.fall().astype(np.float32), scene.camera)
@@ -272,10 +296,10 @@ def gather_evidence(
         sigmas=off,
         misfit=misfit,
         edge=edge,
-        road_seen=_road_seen(now, warped, noise, fall, at_least=texture),
+        road_seen=_road_seen(now, warped, noise, fall, settings),
         fall=fall,
-        too_low=_spread(too_low, width, height),
-        beyond=_spread(place == 0, width, height),
+        too_low=spread(too_low, now.shape),
+        beyond=spread(place == 0, now.shape),
         inverse_depth=_at_places(place, [at_every_pixel(depths[k].astype(np.float32), scene.camera) for k in chosen]),
         from_road_px=np.hypot(offset[..., 0], offset[..., 1]),
         from_road_sigmas=np.sqrt(np.maximum(information.squared(offset[..., 0], offset[..., 1]), 0)),
@@ -283,14 +307,12 @@ def gather_evidence(
     )
 
 
-def _searched_depths(
-    scene: RigidScene, *, tilt_rad: float, nearest_m: float, moves: bool
-) -> list[NDArray[np.floating]]:
+def _searched_depths(scene: RigidScene, settings: EvidenceSettings, *, moves: bool) -> list[NDArray[np.floating]]:
     """Inverse depths on the scene's grid, from the farthest that is possible to the nearest."""
-    far = scene.road_inverse_depth(scene.fall(), tilt_rad=tilt_rad)
+    far = scene.road_inverse_depth(scene.fall(), tilt_rad=settings.tilt_rad)
     if not moves:
         return [far]
-    near = np.maximum(1 / nearest_m, 1.3 * far)
+    near = np.maximum(1 / settings.nearest_m, 1.3 * far)
     return [far + (near - far) * (k / (SEARCHED - 1)) ** 2 for k in range(SEARCHED)]
 
 
@@ -307,13 +329,13 @@ def _best_static(
     return best, cost
 
 
-def _road_seen(now: Image, warped: Image, noise: float, fall: Image, *, at_least: float | None) -> NDArray[np.bool_]:
+def _road_seen(now: Image, warped: Image, noise: float, fall: Image, settings: EvidenceSettings) -> NDArray[np.bool_]:
     """The road's fine texture agrees, whatever its brightness: a shadow or a headlight moves over what stands still."""
-    if at_least is None:
+    if not settings.light:
         return np.zeros(now.shape, dtype=bool)
     a, b = now - box_mean(now, WINDOW_PX), warped - box_mean(warped, WINDOW_PX)
     both, one, other = (box_mean(x * y, TEXTURE_PX) for x, y in ((a, b), (a, a), (b, b)))
-    return np.asarray((fall > BELOW_HORIZON) & (both > at_least * np.sqrt(one * other + (0.5 * noise**2) ** 2)))
+    return np.asarray((fall > BELOW_HORIZON) & (both > settings.texture * np.sqrt(one * other + (0.5 * noise**2) ** 2)))
 
 
 def _too_low(flow: Image, road: Image, scene: RigidScene, fall: Image) -> NDArray[np.bool_]:
@@ -335,10 +357,6 @@ def _at_places(place: Image, values: list[Image]) -> Image:
     second = np.minimum(first + 1, len(stack) - 1)
     a, b = (np.take_along_axis(stack, index[None], axis=0)[0] for index in (first, second))
     return np.asarray(a + (place - first) * (b - a), dtype=np.float32)
-
-
-def _spread(cells: NDArray[np.bool_], width: int, height: int) -> NDArray[np.bool_]:
-    return np.asarray(cv2.resize(cells.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0)
 
 
 def _enlarged(cells: Image, width: int, height: int) -> Image:

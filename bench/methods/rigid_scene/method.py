@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
-from bench.errors import UsageError
 from bench.flow import DisFlow, FarnebackFlow, dense_flow
-from bench.methods.contract import FlowMethod, MethodInput, UnansweredImage
+from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates
-from bench.methods.rigid_scene.evidence import Evidence, gather_evidence
+from bench.methods.rigid_scene.evidence import Evidence, EvidenceSettings, gather_evidence
 from bench.methods.rigid_scene.motion import MotionAccuracy, correspondences, refine_motion
 from bench.methods.rigid_scene.outlines import Pair, draw_objects
-from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, warp
+from bench.methods.rigid_scene.scene import GuidedFlow, RigidScene, Views, fine_cell_px, guided_flow, spread, warp
+from bench.methods.settings import Positive, set_groups
 from bench.records.segmentation import Segmentation
 
 FLOW_PARAMETERS: dict[str, dict[str, object]] = {"dis": {"preset": "fast", "finest_scale": 0}}
 KNOWN_SHARE = 0.2  # a region of the long pair that the short one covers by so much is nothing new
 CAUSES = ("epipolar", "positive_depth", "positive_height", "floating")
 STATIC_CAUSE = "static_camera"
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigidSceneMethod(FlowMethod):
+class RigidSceneMethod(EvidenceSettings, FlowMethod):
     """Objects that no rigid scene explains, by flow, grey values and what stands on the road.
 
     Attributes:
         first_guess: flow starts from the motion of road and horizon; else from none.
         refine_motion: the recorded motion is corrected by the images.
-        sigmas: the flow's own uncertainty is the unit of deviations; else `constant_px`.
-        photometric: a cell is static where some static depth explains the grey values as well as its flow does.
-        light: what shows the road's own texture is static, whatever shadow or headlight moves over it.
         own_effects: a region through which the road is seen to move is the ego vehicle's own shadow or light; by three
             images.
         long_baseline: slow objects are also looked for in a pair of images that are further apart, where there is one.
@@ -45,12 +40,6 @@ class RigidSceneMethod(FlowMethod):
         flow_parameters: what the flow takes; without any, "dis" is fast and matches up to its image's own size.
         accuracy: of the recorded motion.
         objects: thresholds, growth and outlines.
-        nearest_m: nothing static is nearer to the camera.
-        tilt_rad: uncertainty of the road's plane as the lower bound of heights.
-        floor_px: accuracy of the flow where texture is plenty, at half the size.
-        constant_px: unit of deviations without `sigmas`, at half the size; a third of the paper's 0.24 px at 165 px per
-            radian, since the threshold is in standard deviations.
-        texture: correlation from which the road's texture is recognised.
         slow_px: the long pair adds what deviates by less, at half the size; faster objects have changed too much.
 
     Source:
@@ -63,44 +52,23 @@ class RigidSceneMethod(FlowMethod):
 
     first_guess: bool = True
     refine_motion: bool = True
-    sigmas: bool = True
-    photometric: bool = True
-    light: bool = True
     own_effects: bool = True
     long_baseline: bool = True
     flow: str = "dis"
     flow_parameters: dict[str, object] = field(default_factory=dict)
     accuracy: MotionAccuracy = field(default_factory=MotionAccuracy)
     objects: ObjectSettings = field(default_factory=ObjectSettings)
-    nearest_m: float = 1.0
-    tilt_rad: float = 0.01
-    floor_px: float = 0.1
-    constant_px: float = 0.06
-    texture: float = 0.5
-    slow_px: float = 2.0
+    slow_px: Positive = 2.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.accuracy, Mapping):
-            object.__setattr__(self, "accuracy", MotionAccuracy(**self.accuracy))
-        if isinstance(self.objects, Mapping):
-            object.__setattr__(self, "objects", ObjectSettings(**self.objects))
-        if min(self.nearest_m, self.floor_px, self.constant_px, self.slow_px) <= 0 or self.tilt_rad < 0:
-            raise UsageError(
-                f"{self.name}: expected nearest_m, floor_px, constant_px and slow_px > 0 and tilt_rad >= 0"
-            )
+        set_groups(self, accuracy=MotionAccuracy(), objects=ObjectSettings())
         self._dense_flow()
 
     def _dense_flow(self) -> FarnebackFlow | DisFlow:
         return dense_flow(self.flow, **(self.flow_parameters or FLOW_PARAMETERS.get(self.flow, {})))
 
     def segment(self, frame: MethodInput) -> Segmentation:
-        """Segment the last image; see `bench.methods.contract`.
-
-        Raises:
-            UnansweredImage: there is no ego-motion, without which no rigid scene can be told from a moving one.
-        """
-        if not frame.current_from_previous:
-            raise UnansweredImage("rigid-scene: expected the ego-motion between the images, got none")
+        """Segment the last image; see `bench.methods.contract`."""
         return self.segment_flow(frame, None)
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32] | None) -> Segmentation:
@@ -121,13 +89,13 @@ class RigidSceneMethod(FlowMethod):
         for pair in pairs[1:]:
             slow = find_candidates(pair.evidence, self.objects, slow_px=self.slow_px)
             mask |= self._drawn(_not_yet_known(slow, mask), views, pairs[::-1])
-        valid = cv2.resize(frame.valid.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        valid = spread(frame.valid, mask.shape)
         return Segmentation(
             cell_size_px=views.cell_size_px,
             mask=mask & valid,
-            undefined=_spread(short.edge, mask.shape) | ~valid,
+            undefined=spread(short.edge, mask.shape) | ~valid,
             causes=CAUSES if short.moves else (STATIC_CAUSE,),
-            cause=_spread(_cause(short, candidates), mask.shape),
+            cause=spread(_cause(short, candidates), mask.shape),
             parts=_parts(short, mask.shape),
         )
 
@@ -169,18 +137,7 @@ class RigidSceneMethod(FlowMethod):
             scene = refine_motion(scene, seen, seconds=seconds, accuracy=self.accuracy)
         guess, warped, neutral = warp(current, previous, valid=given.valid, scene=scene)
         guided = replace(guided, guess=guess, warped=warped, neutral=neutral | guided.neutral)
-        return gather_evidence(
-            current,
-            previous,
-            guided,
-            scene,
-            tilt_rad=self.tilt_rad,
-            nearest_m=self.nearest_m,
-            floor_px=self.floor_px,
-            texture=self.texture if self.light else None,
-            constant_px=None if self.sigmas else self.constant_px,
-            photometric=self.photometric,
-        )
+        return gather_evidence(current, previous, guided, scene, self)
 
     def _guided_flow(self, given: MethodInput, back: int, scene: RigidScene) -> GuidedFlow:
         return guided_flow(
@@ -203,15 +160,9 @@ def _flow_at(
     return flow * np.array((size[1] / was[1], size[0] / was[0]), np.float32)
 
 
-def _spread(values: NDArray[Scalar], shape: tuple[int, int]) -> NDArray[Scalar]:
-    """Values of the small size at the fine one, nearest."""
-    spread = cv2.resize(values.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return np.asarray(spread).astype(values.dtype)
-
-
 def _not_yet_known(further: Candidates, mask: NDArray[np.bool_]) -> Candidates:
     """Regions that a mask does not hold yet, and those that stand on the road, which may grow."""
-    seen = _spread(mask, further.region.shape)
+    seen = spread(mask, further.region.shape)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(further.region.astype(np.uint8), connectivity=8)
     known = np.bincount(labels[seen], minlength=count) > KNOWN_SHARE * boxes[:, cv2.CC_STAT_AREA]
     keep = ~known | (np.bincount(labels[further.standing], minlength=count) > 0)

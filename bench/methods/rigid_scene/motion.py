@@ -152,7 +152,7 @@ def _linearised(
 ) -> tuple[Floats, Floats, Floats]:
     """Slopes (2N, 8), offsets (2N,) and robust weights (2N,) across, then along the epipolar curves."""
     start = _corrected(scene, axes, correction)
-    on_road = _road_inverse_depth(start, given.rays)
+    on_road = start.road_inverse_depth(dot(given.rays, start.road.down)).astype(np.float64)
     still = np.linalg.norm(scene.current_from_previous.translation_m) < STILL_M
     depth, tangent = (on_road, None) if still else _nearest_depth(start, given, on_road)
     if tangent is None:  # all depths look the same: both directions count everywhere
@@ -237,10 +237,6 @@ def _corrected(scene: RigidScene, axes: Floats, correction: Floats) -> RigidScen
     rotation, translation_m, down = _correct(scene, axes, correction)
     motion, road = RigidTransform(rotation, translation_m), RoadPlane(down, scene.road.height_m)
     return replace(scene, current_from_previous=motion, road=road)
-
-
-def _road_inverse_depth(scene: RigidScene, rays: Floats) -> Floats:
-    return scene.road_inverse_depth(dot(rays, scene.road.down)).astype(np.float64)
 
 
 def _nearest_depth(scene: RigidScene, given: Correspondences, start: Floats) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.methods.rigid_scene.candidates import LEAST_KNOWN, LEAST_SEEDS, Candidates, Mask, ObjectSettings
 from bench.methods.rigid_scene.evidence import CELL, WINDOW_PX, Evidence, Image, gradients
-from bench.methods.rigid_scene.scene import box_mean, pixel_positions, remapped
+from bench.methods.rigid_scene.scene import box_mean, pixel_positions, remapped, spread
 
 Window = tuple[slice, slice]
 LEAST_PX = 48  # at the size of the answer; smaller regions are specks
@@ -194,7 +194,6 @@ def draw_objects(
         (H, W) bool, of the size of the images.
     """
     mask = np.zeros(current.shape, dtype=bool)
-    edge = pairs[0].evidence.edge
     around = cv2.dilate(
         candidates.region.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (BESIDE_PX, BESIDE_PX))
     )
@@ -208,13 +207,8 @@ def draw_objects(
         shape = mask[fine].shape
         own = labels[coarse] == index
         region, sure, seeds, around_it = (
-            cv2.resize(part.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-            for part in (
-                candidates.region[coarse] & own,
-                candidates.sure[coarse] & own,
-                candidates.seeds[coarse] & own,
-                own & ~edge[coarse],
-            )
+            spread(part[coarse] & own, shape)
+            for part in (candidates.region, candidates.sure, candidates.seeds, ~pairs[0].evidence.edge)
         )
         if motions is not None:
             noise = FINE_NOISE * pairs[0].evidence.noise

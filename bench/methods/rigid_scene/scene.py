@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ from bench.geometry import Bools, Floats, RigidTransform, RoadPlane, dot
 from bench.methods.contract import MethodInput
 from bench.methods.two_views import RowTimes, seen_before
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 FINE_PX = 640  # width about which outlines are drawn, and twice that on which all else is computed
 GRID_PX = 4  # the motion of a rigid scene is smooth: computed on every fourth pixel, interpolated between
 ROW_STEPS = 2  # to the row of the previous image that shows a point
@@ -180,6 +181,12 @@ def sampled(image: NDArray[np.float32], flow: NDArray[np.float32], *, outside: f
     """An image at the ends of a flow, (H, W) float32, bilinear; `outside` where a flow leaves it."""
     height, width = flow.shape[:2]
     return remapped(image, pixel_positions(width, height) + flow, outside=outside)
+
+
+def spread(values: NDArray[Scalar], shape: tuple[int, ...]) -> NDArray[Scalar]:
+    """Small whole numbers, or a mask, at another size (H, W), nearest."""
+    resized = cv2.resize(values.astype(np.uint8), shape[1::-1], interpolation=cv2.INTER_NEAREST)
+    return np.asarray(resized).astype(values.dtype)
 
 
 def box_mean(values: NDArray[np.float32], side_px: int) -> NDArray[np.float32]:

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, fields
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from bench.errors import UsageError
 from bench.geometry import Bools, Floats, RigidTransform, RoadPlane
-from bench.methods.spherical.constraints import (
-    PAPER,
-    Deviations,
-    Variants,
-    deviations,
-    static_camera_deviation,
-)
+from bench.methods.settings import Positive, set_groups
+from bench.methods.spherical.constraints import PAPER, Deviations, Variants, deviations, static_camera_deviation
 from bench.methods.two_views import rotated_halfway
 from bench.records.segmentation import PAPER_THRESHOLD
 
@@ -40,17 +37,13 @@ class ConstraintWeights:
     three_view: float = 0.0
 
     def __post_init__(self) -> None:
-        if min(self.as_tuple()) < 0 or self.total <= 0:
-            raise UsageError(f"weights: expected numbers >= 0 with at least one positive, got {self.as_tuple()}")
-
-    def as_tuple(self) -> tuple[float, float, float, float, float]:
-        """In the paper's order: e, d, h, p, 3v."""
-        return self.epipolar, self.positive_depth, self.positive_height, self.anti_parallel, self.three_view
+        if min(astuple(self)) < 0 or self.total <= 0:
+            raise UsageError(f"weights: expected numbers >= 0 with at least one positive, got {astuple(self)}")
 
     @property
     def total(self) -> float:
         """The divisor of the weighted mean."""
-        return float(sum(self.as_tuple()))
+        return float(sum(astuple(self)))
 
 
 PAPER_WEIGHTS = ConstraintWeights()
@@ -59,18 +52,10 @@ PAPER_WEIGHTS = ConstraintWeights()
 PAPER_ANGLE_RAD = PAPER_THRESHOLD * PAPER_WEIGHTS.total
 
 
-def alone(constraint: str, weight: float = 1.0) -> tuple[ConstraintWeights, float]:
-    """Weights of one constraint alone, and the threshold at which it marks what it marks alone in the paper's method.
-
-    There a cell moves where `mu_i xi_i / 2.4 > 6e-4`. With a single weight of 1 the likelihood is xi_i itself, so the
-    threshold becomes `6e-4 x 2.4 / mu_i`.
-
-    Args:
-        constraint: name of a field of `ConstraintWeights`.
-        weight: mu_i, its weight among the others.
-    """
-    none = dict.fromkeys((f.name for f in fields(ConstraintWeights)), 0.0)
-    return ConstraintWeights(**none | {constraint: 1.0}), PAPER_ANGLE_RAD / weight
+# Weights of one constraint alone: the likelihood is its deviation. Among the others a cell moves by it where
+# `mu_i xi_i / 2.4 > 6e-4`, so alone it marks the same with the threshold `PAPER_ANGLE_RAD / mu_i`.
+_NONE = dict.fromkeys((field.name for field in fields(ConstraintWeights)), 0.0)
+ALONE = {name: ConstraintWeights(**_NONE | {name: 1.0}) for name in _NONE}
 
 
 def motion_likelihood(
@@ -95,28 +80,24 @@ def motion_likelihood(
     Source:
         Mariotti and Eising, section III-H.
     """
-    epipolar, depth = weights.epipolar * deviations.epipolar, weights.positive_depth * deviations.positive_depth
+    epipolar, depth, *others = _contributions(deviations, weights, three_view)
     likelihood = np.hypot(epipolar, depth) if root_sum else epipolar + depth
-    likelihood += weights.positive_height * deviations.positive_height
-    likelihood += weights.anti_parallel * deviations.anti_parallel
-    if three_view is not None:
-        likelihood += weights.three_view * np.nan_to_num(three_view, nan=0.0)
-    likelihood /= weights.total
-    return np.asarray(likelihood)
+    for contribution in others:
+        likelihood += contribution
+    return np.asarray(likelihood / weights.total)
 
 
 def largest_contribution(
     deviations: Deviations, weights: ConstraintWeights, *, three_view: Floats | None = None
 ) -> NDArray[np.uint8]:
     """Index into `CONSTRAINTS`, then `three_view`, of the largest weighted deviation; the first of equals."""
-    parts = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
-    if three_view is not None:
-        parts.append(weights.three_view * three_view)
-    best, cause = parts[0], np.zeros(parts[0].shape, dtype=np.uint8)
-    for index, part in enumerate(parts[1:], start=1):
-        np.copyto(cause, np.uint8(index), where=part > best)
-        best = np.fmax(best, part)
-    return cause
+    contributions = _contributions(deviations, weights, three_view)
+    return np.asarray(np.argmax(contributions, axis=0), dtype=np.uint8)
+
+
+def _contributions(deviations: Deviations, weights: ConstraintWeights, three_view: Floats | None) -> list[Floats]:
+    contributions = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
+    return contributions if three_view is None else [*contributions, weights.three_view * np.nan_to_num(three_view)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,16 +109,19 @@ class LikelihoodMap:
         cause: (...) uint8, index into `causes` of the largest contribution.
         seen: (...) bool; both images see the content.
         defined: (...) bool; the deviations are defined.
-        stationary: () bool; the camera is stationary.
-        deviations: the deviations of a moving camera by name, (...) float64; empty where they are not known.
+        deviations: the known deviations of a moving camera by name, (...) float64; empty for a stationary one.
     """
 
     likelihood: Floats
     cause: NDArray[np.uint8]
     seen: Bools
     defined: Bools
-    stationary: Bools
-    deviations: Mapping[str, Floats] = field(default_factory=dict)
+    deviations: Mapping[str, Floats]
+
+    @property
+    def stationary(self) -> bool:
+        """The camera is stationary."""
+        return not self.deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,19 +143,16 @@ class SphericalSettings:
         variants: departures from the paper's constraints.
         root_sum: hypot of epipolar and positive depth instead of their sum.
 
-    Raises:
-        UsageError: a number that is out of its domain.
-
     Source:
         Mariotti and Eising, section III; constants of section III-H and IV.
     """
 
-    cell_size_px: int = 5
+    cell_size_px: Annotated[int, Field(ge=1)] = 5
     weights: ConstraintWeights = PAPER_WEIGHTS
     lambda_height: float = 0.001
     lambda_anti_parallel: float = 0.001
-    threshold: float = PAPER_THRESHOLD
-    static_threshold: float = PAPER_THRESHOLD
+    threshold: Positive = PAPER_THRESHOLD
+    static_threshold: Positive = PAPER_THRESHOLD
     static_below_m: float = 0.05 / 15
     lambda_static_m: float = 0.02
     min_epipole_sine: float = 0.01
@@ -179,12 +160,7 @@ class SphericalSettings:
     root_sum: bool = False
 
     def __post_init__(self) -> None:
-        if isinstance(self.weights, dict):
-            object.__setattr__(self, "weights", replace(type(self).weights, **self.weights))
-        if isinstance(self.variants, dict):
-            object.__setattr__(self, "variants", Variants(**self.variants))
-        if self.cell_size_px < 1 or min(self.threshold, self.static_threshold) <= 0:
-            raise UsageError("spherical: expected cell_size_px >= 1 and thresholds > 0")
+        set_groups(self, weights=type(self).weights, variants=PAPER)
 
     def likelihood_of_rays(
         self,
@@ -224,9 +200,7 @@ class SphericalSettings:
                 lambda_static_m=self.lambda_static_m,
             )
             cause = np.zeros(defined.shape, dtype=np.uint8)
-            return LikelihoodMap(
-                likelihood=deviation, cause=cause, seen=seen, defined=defined, stationary=np.asarray(True)
-            )
+            return LikelihoodMap(likelihood=deviation, cause=cause, seen=seen, defined=defined, deviations={})
         measured = deviations(
             rays_previous,
             rays_current,
@@ -244,7 +218,6 @@ class SphericalSettings:
             cause=largest_contribution(measured, self.weights, three_view=three_view),
             seen=seen,
             defined=measured.defined,
-            stationary=np.asarray(False),
             deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
         )
 

@@ -14,14 +14,16 @@ from bench.geometry import Bools, RigidTransform
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, guided_flow
+from bench.methods.settings import Positive
 from bench.methods.spherical.likelihood import (
+    ALONE,
     CONSTRAINTS,
+    PAPER_ANGLE_RAD,
     PAPER_WEIGHTS,
     STATIC_CAUSE,
     ConstraintWeights,
     LikelihoodMap,
     SphericalSettings,
-    alone,
 )
 from bench.methods.two_views import cell_flow, extra_motion, flow_parts, flow_rays
 from bench.records.segmentation import Segmentation
@@ -107,15 +109,10 @@ class SphericalMethod(SphericalSettings, FlowMethod):
             flow: from `mean_flow`.
         """
         cells = ray_grid(frame.camera, self.cell_size_px)
-        motion = self.motion(frame)
-        if motion is None:
-            shape, nowhere = cells.valid.shape, np.zeros(cells.valid.shape, dtype=bool)
-            nothing, cause = np.zeros(shape), np.zeros(shape, dtype=np.uint8)
-            return LikelihoodMap(
-                likelihood=nothing, cause=cause, seen=nowhere, defined=nowhere, stationary=np.asarray(True)
-            )
         rays_previous, seen = flow_rays(frame, cells, flow)
-        road = frame.road
+        motion, road = self.motion(frame), frame.road
+        if motion is None:
+            motion, seen = RigidTransform.identity(), np.zeros_like(seen)
         if self.refine_motion:
             refined = self._refined(frame, flow, seen=seen, motion=motion)
             motion, road = refined.current_from_previous, refined.road
@@ -165,12 +162,8 @@ class GuidedSphericalMethod(SphericalMethod):
 
 
 # Each two-view constraint alone: what the method sees by it and by nothing else. Flow, cells and the stationary camera
-# are as in the method. A constraint's threshold is the one that it has among the others (see `alone`), so these masks
+# are as in the method. A constraint's threshold is the one that it has among the others (see `ALONE`), so these masks
 # are parts of the method's mask.
-_EPIPOLAR = alone("epipolar", PAPER_WEIGHTS.epipolar)
-_POSITIVE_DEPTH = alone("positive_depth", PAPER_WEIGHTS.positive_depth)
-_POSITIVE_HEIGHT = alone("positive_height", PAPER_WEIGHTS.positive_height)
-_ANTI_PARALLEL = alone("anti_parallel", PAPER_WEIGHTS.anti_parallel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,8 +171,8 @@ class EpipolarOnly(SphericalMethod):
     """The epipolar constraint alone; scale-free, blind to motion along the ego vehicle's own."""
 
     name = "epipolar-only"
-    weights: ConstraintWeights = _EPIPOLAR[0]
-    threshold: float = _EPIPOLAR[1]
+    weights: ConstraintWeights = ALONE["epipolar"]
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.epipolar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,8 +180,8 @@ class PositiveDepthOnly(SphericalMethod):
     """The positive depth constraint alone; scale-free, sees what is faster than the ego vehicle."""
 
     name = "positive-depth-only"
-    weights: ConstraintWeights = _POSITIVE_DEPTH[0]
-    threshold: float = _POSITIVE_DEPTH[1]
+    weights: ConstraintWeights = ALONE["positive_depth"]
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.positive_depth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,8 +189,8 @@ class PositiveHeightOnly(SphericalMethod):
     """The positive height constraint alone; needs scale, sees what would lie below the road."""
 
     name = "positive-height-only"
-    weights: ConstraintWeights = _POSITIVE_HEIGHT[0]
-    threshold: float = _POSITIVE_HEIGHT[1]
+    weights: ConstraintWeights = ALONE["positive_height"]
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.positive_height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,5 +198,5 @@ class AntiParallelOnly(SphericalMethod):
     """The anti-parallel constraint alone; needs scale, sees what comes nearer than the road behind it allows."""
 
     name = "anti-parallel-only"
-    weights: ConstraintWeights = _ANTI_PARALLEL[0]
-    threshold: float = _ANTI_PARALLEL[1]
+    weights: ConstraintWeights = ALONE["anti_parallel"]
+    threshold: Positive = PAPER_ANGLE_RAD / PAPER_WEIGHTS.anti_parallel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeVar, get_args
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,13 @@ from scipy.spatial import cKDTree
 from bench.cameras import RayGrid, ray_grid
 from bench.egomotion import VisualOdometry
 from bench.errors import UsageError
-from bench.flow import LucasKanadeTracker, Tracks
+from bench.flow import LucasKanadeTracker
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
+from bench.methods.settings import Positive, set_groups
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
+    ALONE,
     CONSTRAINTS,
     PAPER_ANGLE_RAD,
     PAPER_WEIGHTS,
@@ -26,7 +28,6 @@ from bench.methods.spherical.likelihood import (
     ConstraintWeights,
     LikelihoodMap,
     SphericalSettings,
-    alone,
 )
 from bench.methods.spherical.method import SphericalMethod
 from bench.methods.two_views import extra_motion, flow_parts
@@ -38,7 +39,6 @@ Value = TypeVar("Value", bound=np.generic)
 # xi_e and xi_d are first differences, with 2 times. So by this weight tracking noise counts the same in both.
 THREE_VIEW_WEIGHT = 3**-0.5
 _WEIGHTS = ConstraintWeights(three_view=THREE_VIEW_WEIGHT)
-_ALONE = alone(THREE_VIEW, THREE_VIEW_WEIGHT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,18 +64,18 @@ class SparseSphericalMethod(SphericalSettings, Method):
     longest_history = 2
 
     weights: ConstraintWeights = _WEIGHTS
-    threshold: float = PAPER_ANGLE_RAD / _WEIGHTS.total
+    threshold: Positive = PAPER_ANGLE_RAD / _WEIGHTS.total
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.tracker, dict):
-            object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))
+        set_groups(self, tracker=LucasKanadeTracker())
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image; see `bench.methods.contract`."""
         tracks = self.tracker(tuple(frame.images[-1 : -self.longest_history - 2 : -1]), valid=frame.valid)
-        rays, known = _rays(frame, tracks)
+        rays, known = frame.camera.unproject(tracks.pixels.reshape(-1, 2))  # of all tracks in all K images
+        rays, known = rays.reshape(*tracks.followed.shape, 3), known.reshape(tracks.followed.shape) & tracks.followed
         cells = ray_grid(frame.camera, self.cell_size_px)
         usable = np.flatnonzero(known[0] & known[1])
         nearest, near = _nearest(tracks.pixels[0, usable], cells, reach_px=self.tracker.reach_px)
@@ -127,15 +127,8 @@ class ThreeViewOnly(SparseSphericalMethod):
     """The three-view constraint alone, on Lucas-Kanade tracks; needs scale, sees changes of speed and crossing."""
 
     name = "three-view-only"
-    weights: ConstraintWeights = _ALONE[0]
-    threshold: float = _ALONE[1]
-
-
-def _rays(frame: MethodInput, tracks: Tracks) -> tuple[Floats, Bools]:
-    """Rays of all tracks in all images, (K, N, 3), and where there are any, (K, N)."""
-    count, number = tracks.followed.shape
-    rays, valid = frame.camera.unproject(tracks.pixels.reshape(-1, 2))
-    return rays.reshape(count, number, 3), valid.reshape(count, number) & tracks.followed
+    weights: ConstraintWeights = ALONE[THREE_VIEW]
+    threshold: Positive = PAPER_ANGLE_RAD / THREE_VIEW_WEIGHT
 
 
 def _nearest(pixels: Floats, cells: RayGrid, *, reach_px: int) -> tuple[NDArray[np.intp], Bools]:
@@ -179,7 +172,7 @@ class VisualOdometryMethod(SphericalMethod):
     name = "spherical-visual-odometry"
 
     weights: ConstraintWeights = SCALE_FREE
-    threshold: float = math.nan
+    threshold: Positive = math.nan
     scale: Scale = "none"
     tracker: LucasKanadeTracker = field(default_factory=LucasKanadeTracker)
     odometry: VisualOdometry = field(default_factory=VisualOdometry)
@@ -188,17 +181,10 @@ class VisualOdometryMethod(SphericalMethod):
         allowed = PAPER_WEIGHTS if self.scale == "given" else SCALE_FREE
         if self.weights is SCALE_FREE:
             object.__setattr__(self, "weights", allowed)
-        elif isinstance(self.weights, dict):
-            object.__setattr__(self, "weights", replace(allowed, **self.weights))
         if math.isnan(self.threshold):
             object.__setattr__(self, "threshold", PAPER_ANGLE_RAD / allowed.total)
+        set_groups(self, weights=allowed, tracker=LucasKanadeTracker(), odometry=VisualOdometry())
         super().__post_init__()
-        if isinstance(self.tracker, dict):
-            object.__setattr__(self, "tracker", LucasKanadeTracker(**self.tracker))
-        if isinstance(self.odometry, dict):
-            object.__setattr__(self, "odometry", VisualOdometry(**self.odometry))
-        if self.scale not in get_args(Scale):
-            raise UsageError(f"scale: expected {' or '.join(get_args(Scale))}, got {self.scale!r}")
         asked = [name for name in NEED_SCALE if getattr(self.weights, name) > 0]
         if self.scale == "none" and asked:
             raise UsageError(

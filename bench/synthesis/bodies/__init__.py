@@ -11,39 +11,12 @@ from bench.synthesis.bodies.body import Body, Built, assemble_body
 from bench.synthesis.bodies.dog import dog
 from bench.synthesis.bodies.people import Stature, pedestrian, with_pram
 from bench.synthesis.bodies.riders import RACING, ROADSTER, SCOOTER, UPRIGHT, cyclist, motorcyclist
-from bench.synthesis.bodies.vehicles import (
-    ARTICULATED_LORRY,
-    BUS,
-    CITY_CAR,
-    COACH,
-    ESTATE,
-    HATCHBACK,
-    LORRY,
-    MINIBUS,
-    PICKUP,
-    SALOON,
-    SUV,
-    TANKER,
-    VAN,
-    vehicle,
-)
+from bench.synthesis.bodies.vehicles import VEHICLES, vehicle
 
 Builder = Callable[[np.random.Generator], Built]
 
 BODIES: dict[str, tuple[str, Builder]] = {
-    "car": ("vehicle", partial(vehicle, HATCHBACK)),
-    "city_car": ("vehicle", partial(vehicle, CITY_CAR)),
-    "saloon": ("vehicle", partial(vehicle, SALOON)),
-    "estate": ("vehicle", partial(vehicle, ESTATE)),
-    "suv": ("vehicle", partial(vehicle, SUV)),
-    "van": ("vehicle", partial(vehicle, VAN)),
-    "minibus": ("vehicle", partial(vehicle, MINIBUS)),
-    "lorry": ("vehicle", partial(vehicle, LORRY)),
-    "bus": ("vehicle", partial(vehicle, BUS)),
-    "coach": ("vehicle", partial(vehicle, COACH)),
-    "articulated_lorry": ("vehicle", partial(vehicle, ARTICULATED_LORRY)),
-    "tanker": ("vehicle", partial(vehicle, TANKER)),
-    "pickup": ("vehicle", partial(vehicle, PICKUP)),
+    **{kind: ("vehicle", partial(vehicle, shape)) for kind, shape in VEHICLES.items()},
     "cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.75), UPRIGHT)),
     "tall_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.88), UPRIGHT)),
     "short_cyclist": ("cyclist", partial(cyclist, Stature(height_m=1.62), UPRIGHT)),

@@ -317,7 +317,7 @@ def assemble_body(
         for row in range(len(joints))
         if (hangs_on == row).any()
     )
-    mesh = joined([mesh for mesh, _ in sorted_parts])
+    mesh = joined(*(mesh for mesh, _ in sorted_parts))
     low, high = Linkage(joints, jointed).extent(mesh.corners_m, cycle_m=cycle_m, start_m=start_m)
     origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, 0.0])
     return Body(

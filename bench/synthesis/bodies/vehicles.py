@@ -210,7 +210,7 @@ def _wheel(radius_m: float, width_m: float, spokes: int, sign: float) -> Mesh:
     tyre = loft([size * radius_m * around - share * width_m * out for share, size in PROFILE], RUBBER)
     rim = tube(-0.1 * width_m * out, 0.004 * out, 0.66 * radius_m, PLASTIC, sides=14)
     cap = tube(0.0 * out, 0.018 * out, 0.15 * radius_m, ALLOY, sides=6)
-    return joined([tyre, rim, cap, _spokes(0.62 * radius_m, spokes, out)])
+    return joined(tyre, rim, cap, _spokes(0.62 * radius_m, spokes, out))
 
 
 def _spokes(length_m: float, count: int, out: NDArray[np.float64]) -> Mesh:
@@ -316,7 +316,9 @@ def _blunt_plan(rear_m: float, front_m: float, half_m: float) -> Outline:
             (front_m - 0.12, 0.95 * half_m), (front_m, 0.82 * half_m))  # fmt: skip
 
 
-HATCHBACK = Vehicle(
+VEHICLES: dict[str, Vehicle] = {}  # by the kind that a scenario names; each beside what it carries
+
+VEHICLES["car"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.13, 0.74), (-2.06, 0.92), (-1.90, 0.98), (0.90, 0.95), (1.35, 0.90), (1.90, 0.79), (2.08, 0.69),
                   (2.15, 0.58)),
@@ -327,7 +329,7 @@ HATCHBACK = Vehicle(
                 panes=((0.06, 0.26), (0.29, 0.60), (0.63, 0.94))),
     tyre_m=(0.31, 0.205), plate_m=0.42, handles_x_m=(-0.66, 0.06),
 )  # fmt: skip
-CITY_CAR = Vehicle(
+VEHICLES["city_car"] = Vehicle(
     hull=Hull(
         top_xz_m=((-1.80, 0.78), (-1.75, 0.95), (-1.62, 1.00), (0.85, 0.98), (1.20, 0.94), (1.58, 0.84), (1.74, 0.73),
                   (1.80, 0.60)),
@@ -338,7 +340,7 @@ CITY_CAR = Vehicle(
                 panes=((0.07, 0.42), (0.46, 0.94))),
     tyre_m=(0.285, 0.175), plate_m=0.40, handles_x_m=(-0.22,),
 )  # fmt: skip
-SALOON = Vehicle(
+VEHICLES["saloon"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.36, 0.76), (-2.30, 0.94), (-2.15, 1.00), (-1.55, 1.01), (0.95, 0.96), (1.45, 0.91), (2.08, 0.79),
                   (2.28, 0.69), (2.36, 0.57)),
@@ -349,7 +351,7 @@ SALOON = Vehicle(
                 panes=((0.10, 0.30), (0.33, 0.62), (0.65, 0.94))),
     tyre_m=(0.325, 0.225), plate_m=0.44, handles_x_m=(-0.70, 0.09),
 )  # fmt: skip
-ESTATE = Vehicle(
+VEHICLES["estate"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.36, 0.76), (-2.31, 0.94), (-2.18, 1.00), (0.95, 0.96), (1.45, 0.91), (2.08, 0.79), (2.28, 0.69),
                   (2.36, 0.57)),
@@ -360,7 +362,7 @@ ESTATE = Vehicle(
                 panes=((0.05, 0.26), (0.28, 0.49), (0.52, 0.70), (0.73, 0.95))),
     tyre_m=(0.325, 0.225), plate_m=0.44, handles_x_m=(-0.70, 0.09),
 )  # fmt: skip
-SUV = Vehicle(
+VEHICLES["suv"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.23, 0.88), (-2.18, 1.06), (-2.02, 1.12), (0.92, 1.08), (1.40, 1.05), (1.98, 0.96), (2.15, 0.86),
                   (2.23, 0.70)),
@@ -386,7 +388,7 @@ def _open_bed(_: Surface, rng: np.random.Generator) -> list[Mesh]:
     return [*bed, box([0.80, 1.00, 0.55], [-1.75, 0, 1.30], crate)] if rng.random() < 0.5 else bed
 
 
-PICKUP = Vehicle(
+VEHICLES["pickup"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.66, 0.90), (-2.62, 1.02), (1.10, 1.06), (1.60, 1.04), (2.35, 0.98), (2.58, 0.88), (2.66, 0.70)),
         plan_xy_m=_blunt_plan(-2.66, 2.66, 0.93), ground_m=0.28, axles_x_m=(-1.60, 1.62), wheel_radius_m=0.37,
@@ -408,7 +410,7 @@ def _rear_doors(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
     return [gap, *signs] if rng.random() < 0.6 else [gap]
 
 
-VAN = Vehicle(
+VEHICLES["van"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.70, 1.12), (-2.66, 1.20), (1.50, 1.20), (2.10, 1.08), (2.50, 0.92), (2.66, 0.78), (2.70, 0.66)),
         plan_xy_m=_blunt_plan(-2.70, 2.70, 1.0), ground_m=0.25, axles_x_m=(-1.70, 1.72), wheel_radius_m=0.345,
@@ -418,7 +420,7 @@ VAN = Vehicle(
                 panes=((0.725, 0.95),), rear_window=False),
     tyre_m=(0.345, 0.215), plate_m=0.52, handles_x_m=(0.55,), extras=_rear_doors,
 )  # fmt: skip
-MINIBUS = Vehicle(
+VEHICLES["minibus"] = Vehicle(
     hull=Hull(
         top_xz_m=((-2.48, 1.00), (-2.44, 1.12), (1.40, 1.10), (1.95, 1.00), (2.28, 0.86), (2.44, 0.72), (2.48, 0.60)),
         plan_xy_m=_blunt_plan(-2.48, 2.48, 0.95), ground_m=0.22, axles_x_m=(-1.45, 1.55), wheel_radius_m=0.335,
@@ -451,7 +453,7 @@ def _load(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
     ]
 
 
-LORRY = Vehicle(
+VEHICLES["lorry"] = Vehicle(
     hull=Hull(
         top_xz_m=((1.35, 1.30), (1.42, 1.36), (2.95, 1.36), (3.12, 1.28), (3.20, 1.05)),
         plan_xy_m=((1.35, 1.08), (1.42, 1.10), (2.85, 1.10), (3.06, 1.04), (3.20, 0.88)), ground_m=0.36,
@@ -462,7 +464,7 @@ LORRY = Vehicle(
                 panes=((0.22, 0.92),), rear_window=False),
     tyre_m=(0.44, 0.25), plate_m=0.62, handles_x_m=(1.78,), extras=_load,
 )  # fmt: skip
-BUS = Vehicle(
+VEHICLES["bus"] = Vehicle(
     hull=Hull(
         top_xz_m=((-5.95, 1.10), (-5.90, 1.18), (5.86, 1.18), (5.95, 1.10)),
         plan_xy_m=((-5.95, 1.20), (-5.85, 1.27), (5.70, 1.27), (5.88, 1.22), (5.95, 1.10)), ground_m=0.30,
@@ -480,7 +482,8 @@ TRACTOR_M = 3.5  # from a lorry's place to that of the same cab before a long tr
 
 def _long_lorry(load: Extras) -> Vehicle:
     """An articulated lorry of 13.6 m: the lorry's cab before a trailer."""
-    hull, cabin = LORRY.hull, LORRY.cabin
+    lorry = VEHICLES["lorry"]
+    hull, cabin = lorry.hull, lorry.cabin
     ahead = replace(
         hull,
         top_xz_m=tuple((x + TRACTOR_M, z) for x, z in hull.top_xz_m),
@@ -494,7 +497,7 @@ def _long_lorry(load: Extras) -> Vehicle:
         (rear + TRACTOR_M, front + TRACTOR_M, half, z) for rear, front, half, z in (cabin.belt_m, cabin.roof_m)
     )
     return replace(
-        LORRY, hull=ahead, cabin=replace(cabin, belt_m=belt, roof_m=roof), handles_x_m=(1.78 + TRACTOR_M,), extras=load
+        lorry, hull=ahead, cabin=replace(cabin, belt_m=belt, roof_m=roof), handles_x_m=(1.78 + TRACTOR_M,), extras=load
     )
 
 
@@ -533,9 +536,9 @@ def _trailer(paint: Surface, rng: np.random.Generator) -> list[Mesh]:
     return parts
 
 
-TANKER = _long_lorry(_tank)
-ARTICULATED_LORRY = _long_lorry(_trailer)
-COACH = Vehicle(
+VEHICLES["tanker"] = _long_lorry(_tank)
+VEHICLES["articulated_lorry"] = _long_lorry(_trailer)
+VEHICLES["coach"] = Vehicle(
     hull=Hull(
         top_xz_m=((-6.35, 1.50), (-6.30, 1.62), (6.26, 1.62), (6.35, 1.50)),
         plan_xy_m=((-6.35, 1.18), (-6.25, 1.27), (6.05, 1.27), (6.26, 1.20), (6.35, 1.02)), ground_m=0.32,

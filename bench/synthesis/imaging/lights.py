@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from bench.cameras import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.machine_code import compiled, inlined
+from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.faces import GLOW, SIZE, Faces, TextureAtlas, atlas_at, bilinear, quick_log2, share_below
 from bench.synthesis.imaging.visibility import find_visible, lens_of, untiled
 from bench.synthesis.scene import Lighting
@@ -334,7 +335,6 @@ BEAM_WIDTH, BEAM_HEIGHT = 512, 192  # px, of the picture that each headlight has
 BEAM_FOCAL = np.float32(180.0)
 MIDDLE_COLUMN, MIDDLE_ROW = np.float32((BEAM_WIDTH - 1) / 2), np.float32((BEAM_HEIGHT - 1) / 2)
 SHADOWS_REACH_M = 40.0  # shadows of what is further away are too faint to be seen
-AHEAD_FROM_LAMP = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 class Lamps(NamedTuple):
@@ -402,7 +402,7 @@ class Headlights:
             street_m: see `street_lamps_m`.
             world_from_vehicle: the ego vehicle.
         """
-        rotation = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_LAMP).T)
+        rotation = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_CAMERA).T)
         positions_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
         views = [
             find_visible(

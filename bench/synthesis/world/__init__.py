@@ -140,7 +140,7 @@ def build_world(spec: StreetSpec, rng: np.random.Generator, keep_clear: Sequence
     for side in sides:
         meshes += street_furniture(plan, side, site, put)
         meshes += fronts(plan, side, site, built)
-    return World(mesh=_without_undersides(joined(meshes)), obstacles=tuple(site.obstacles))
+    return World(mesh=_without_undersides(joined(*meshes)), obstacles=tuple(site.obstacles))
 
 
 def _darkened(mesh: Mesh) -> Mesh:

@@ -118,7 +118,7 @@ def _plain_car(rng: np.random.Generator, *, wheels: bool) -> Mesh:
     shade = float(rng.choice([0.12, 0.25, 0.4, 0.55, 0.75]))
     painted = hull.surfaces.copy()
     painted[:, COLUMN_OF["albedo"]] = shade
-    return joined([replace(hull, surfaces=painted), glass, tyres if wheels else under])
+    return joined(replace(hull, surfaces=painted), glass, tyres if wheels else under)
 
 
 @cache
@@ -127,13 +127,13 @@ def _plain_parts() -> tuple[tuple[Mesh, Mesh, Mesh, Mesh], ...]:
     paint = Surface(albedo=0.4, contrast=0.06, mirror=0.04)
     side = [(-2.15, 0.35), (-2.1, 0.92), (1.1, 0.94), (2.05, 0.76), (2.15, 0.35), (1.6, 0.2), (-1.7, 0.2)]
     under = boxes([[0.0, 0.0, 0.16]], [3.2, 1.5, 0.32], TYRE)
-    tyres = joined([_plain_tyre(x, y) for x in (-1.3, 1.3) for y in (-0.78, 0.78)])
+    tyres = joined(*(_plain_tyre(x, y) for x in (-1.3, 1.3) for y in (-0.78, 0.78)))
     shapes = []
     for cabin in CABINS:
         (x0, z0), (x1, z1) = cabin[1:3]
         roof = slab([(x0, z0), (x1, z1), (0.9 * x1, z1 + 0.05), (0.95 * x0, z0 + 0.05)], 0.6, paint)
         glass = slab(cabin, [0.82, 0.62, 0.62, 0.82], PANE)
-        shapes.append((joined([slab(side, 0.86, paint), roof]), glass, under, tyres))
+        shapes.append((joined(slab(side, 0.86, paint), roof), glass, under, tyres))
     return tuple(shapes)
 
 

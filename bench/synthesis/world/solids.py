@@ -114,7 +114,7 @@ def bars(
     walls = np.stack([low[:, :-1], low[:, 1:], high[:, 1:], high[:, :-1]], axis=2).reshape(-1, 4, 3)
     middle = np.broadcast_to(tops_m[:, None], (len(feet_m), sides, 3))
     lids = np.stack([middle, high[:, :-1], high[:, 1:]], axis=2).reshape(-1, 3, 3)
-    return joined([quads(walls, surface), surfaced(lids, surface)])
+    return joined(quads(walls, surface), surfaced(lids, surface))
 
 
 def blobs(centres_m: ArrayLike, radii_m: ArrayLike, surface: Surface, rng: np.random.Generator) -> Mesh:

@@ -70,12 +70,10 @@ def tree(rng: np.random.Generator, *, near: bool) -> Mesh:
     tips = centres[1:4] * (0.8, 0.8, 0.98)
     forks = np.broadcast_to(np.array([0.0, 0.0, 0.9 * bole_m]), tips.shape)
     return joined(
-        [
-            posts([[0.0, 0.0, -0.05]], bole_m + 0.6, radius_m, BARK, sides=9, taper=0.7),
-            bars(forks, tips, 0.5 * radius_m, BARK, sides=5, taper=0.4),
-            blobs(centres, radii, green, rng),
-            leaves(centres, radii, green, rng, count=140 if near else 40, size_m=0.38 if near else 0.7),
-        ]
+        posts([[0.0, 0.0, -0.05]], bole_m + 0.6, radius_m, BARK, sides=9, taper=0.7),
+        bars(forks, tips, 0.5 * radius_m, BARK, sides=5, taper=0.4),
+        blobs(centres, radii, green, rng),
+        leaves(centres, radii, green, rng, count=140 if near else 40, size_m=0.38 if near else 0.7),
     ).with_texture_shift(rng.uniform(0, 8, 2))
 
 
@@ -88,7 +86,7 @@ def hedge(length_m: float, height_m: float, rng: np.random.Generator, *, near: b
     sizes = np.stack([np.full(count, length_m / count + 0.06), np.full(count, HEDGE_M), heights], axis=1)
     green = tinted(LEAVES, float(rng.uniform(0.7, 1.2)))
     twigs = leaves(centres, sizes / 2, green, rng, count=round(9 * length_m) if near else 0, size_m=0.16)
-    return joined([boxes(centres, sizes, green), twigs]).with_texture_shift(rng.uniform(0, 8, 2))
+    return joined(boxes(centres, sizes, green), twigs).with_texture_shift(rng.uniform(0, 8, 2))
 
 
 def bush(rng: np.random.Generator) -> Mesh:
@@ -97,7 +95,7 @@ def bush(rng: np.random.Generator) -> Mesh:
     centres = rng.uniform((-0.5, -0.4, 0.25), (0.5, 0.4, 0.6), (count, 3))
     radii = rng.uniform((0.35, 0.35, 0.3), (0.7, 0.6, 0.6), (count, 3))
     green = tinted(LEAVES, float(rng.uniform(0.7, 1.3)))
-    return joined([blobs(centres, radii, green, rng), leaves(centres, radii, green, rng, count=40, size_m=0.18)])
+    return joined(blobs(centres, radii, green, rng), leaves(centres, radii, green, rng, count=40, size_m=0.18))
 
 
 # A W-beam's cross-section, from below: towards the traffic, and height; 0.31 m high, its top at 0.75 m (EN 1317).
@@ -113,7 +111,7 @@ def wall(length_m: float, height_m: float, rng: np.random.Generator, *, near: bo
     coping = boxes(
         [[0.0, 0.12, height_m + 0.02]], [length_m, 0.32, 0.07], tinted(CONCRETE, float(rng.uniform(0.8, 1.2)))
     )
-    return joined([body, coping]).with_texture_shift(rng.uniform(0, 8, 2))
+    return joined(body, coping).with_texture_shift(rng.uniform(0, 8, 2))
 
 
 def fence(length_m: float, height_m: float, rng: np.random.Generator, *, near: bool = True) -> Mesh:
@@ -130,7 +128,7 @@ def fence(length_m: float, height_m: float, rng: np.random.Generator, *, near: b
     rails = boxes([[0.0, 0.04, z] for z in (0.25 * height_m, 0.8 * height_m)], [length_m, 0.05, 0.06], surface)
     ends = boxes([[end, 0.05, height_m / 2] for end in (-length_m / 2, length_m / 2)], [0.1, 0.1, height_m], surface)
     shades = surface.albedo * rng.uniform(0.85, 1.1, len(x))
-    return joined([quads(corners, surface, albedos=shades), rails, ends])
+    return joined(quads(corners, surface, albedos=shades), rails, ends)
 
 
 def guard_rail(length_m: float) -> Mesh:
@@ -143,7 +141,7 @@ def guard_rail(length_m: float) -> Mesh:
     ]
     x = np.arange(-half + POST_STEP_M / 2, half, POST_STEP_M)
     centres = np.stack([x, np.full(len(x), 0.06), np.full(len(x), 0.33)], axis=1)
-    return joined([quads(beam, STEEL), boxes(centres, [0.08, 0.1, 0.8], tinted(STEEL, 0.8))])
+    return joined(quads(beam, STEEL), boxes(centres, [0.08, 0.1, 0.8], tinted(STEEL, 0.8)))
 
 
 FOOT_M = -0.05  # posts reach this far into the ground
@@ -153,23 +151,19 @@ def lamp_post(height_m: float, reach_m: float) -> Mesh:
     """A lamp post whose head hangs over the road: 4 to 6 m high in a street, 9 m on an avenue."""
     head_y = -reach_m
     return joined(
-        [
-            posts([[0.0, 0.0, FOOT_M]], height_m, 0.085, STEEL, sides=8, taper=0.6),
-            boxes([[0.0, head_y / 2, height_m - 0.06]], [0.07, reach_m, 0.07], STEEL),
-            boxes([[0.0, head_y - 0.25, height_m - 0.03]], [0.28, 0.62, 0.12], DARK_STEEL),
-            boxes([[0.0, head_y - 0.25, height_m - 0.10]], [0.22, 0.5, 0.03], LAMP_LENS),
-        ]
+        posts([[0.0, 0.0, FOOT_M]], height_m, 0.085, STEEL, sides=8, taper=0.6),
+        boxes([[0.0, head_y / 2, height_m - 0.06]], [0.07, reach_m, 0.07], STEEL),
+        boxes([[0.0, head_y - 0.25, height_m - 0.03]], [0.28, 0.62, 0.12], DARK_STEEL),
+        boxes([[0.0, head_y - 0.25, height_m - 0.10]], [0.22, 0.5, 0.03], LAMP_LENS),
     )
 
 
 def marker_post() -> Mesh:
     """A post of white plastic at the edge of a fast road, with a black band and a reflector that faces the traffic."""
     return joined(
-        [
-            boxes([[0.0, 0.0, 0.48]], [0.06, 0.12, 1.06], SIGN_WHITE),
-            boxes([[0.0, 0.0, 0.86]], [0.064, 0.124, 0.2], tinted(DARK_STEEL, 0.5)),
-            boxes([[0.03, 0.0, 0.86]], [0.02, 0.05, 0.16], LIT_ADVERT),
-        ]
+        boxes([[0.0, 0.0, 0.48]], [0.06, 0.12, 1.06], SIGN_WHITE),
+        boxes([[0.0, 0.0, 0.86]], [0.064, 0.124, 0.2], tinted(DARK_STEEL, 0.5)),
+        boxes([[0.03, 0.0, 0.86]], [0.02, 0.05, 0.16], LIT_ADVERT),
     )
 
 
@@ -194,7 +188,7 @@ def gantry(span_m: float, lanes: int, rng: np.random.Generator) -> Mesh:
         lit = np.stack([np.full(len(rows), 0.37), y + 0.25 * (columns - 1.5), GANTRY_M + 0.5 + 0.25 * (rows - 1.5)], 1)
         if len(lit):
             parts.append(boxes(lit, [0.02, 0.14, 0.14], replace(LIT_ADVERT, glow=0.05)))
-    return joined(parts)
+    return joined(*parts)
 
 
 def sign(rng: np.random.Generator) -> Mesh:
@@ -215,7 +209,7 @@ def sign(rng: np.random.Generator) -> Mesh:
     bars = rng.uniform((-0.1, -0.14), (0.1, 0.06), (int(rng.integers(1, 4)), 2))
     tall = np.array([[-0.04, 0.0], [0.04, 0.0], [0.04, 0.13], [-0.04, 0.13]])
     symbol = np.insert(bars[:, None] + tall, 0, 0.055, axis=2) + np.array([0.0, 0.0, z])
-    return joined([*parts, quads(symbol, tinted(SIGN_BLUE, 0.4))])
+    return joined(*parts, quads(symbol, tinted(SIGN_BLUE, 0.4)))
 
 
 def _plate(ring: NDArray[np.float64], x_m: float, z_m: float, surface: Surface) -> Mesh:
@@ -229,34 +223,30 @@ def litter_bin(rng: np.random.Generator) -> Mesh:
     """A bin on a post, or wheeled bins put out for collection."""
     if rng.random() < 0.5:
         dark = tinted(DARK_STEEL, float(rng.uniform(0.6, 2.0)))
-        return joined([posts([[0, 0, FOOT_M]], 1.1, 0.03, STEEL), posts([[0, 0.0, 0.5]], 0.55, 0.19, dark, sides=9)])
+        return joined(posts([[0, 0, FOOT_M]], 1.1, 0.03, STEEL), posts([[0, 0.0, 0.5]], 0.55, 0.19, dark, sides=9))
     x = np.arange(int(rng.integers(1, 4))) * 0.68
     body = np.stack([x, np.zeros(len(x)), np.full(len(x), 0.5)], axis=1)
     shades = rng.uniform(0.1, 0.35, len(x))
     plastic = Surface(albedo=0.2, contrast=0.06)
     lids = boxes(body + np.array([0, -0.03, 0.54]), [0.6, 0.78, 0.09], plastic, albedos=1.3 * shades)
-    return joined([boxes(body, [0.56, 0.7, 1.0], plastic, albedos=shades), lids])
+    return joined(boxes(body, [0.56, 0.7, 1.0], plastic, albedos=shades), lids)
 
 
 def bollards(rng: np.random.Generator) -> Mesh:
     """A row of three to five bollards, of steel or of stone."""
     count = int(rng.integers(3, 6))
     feet = np.stack([1.5 * np.arange(count), np.zeros(count), np.full(count, FOOT_M)], axis=1)
-    stone = rng.random() < 0.4
-    return joined(
-        [
-            posts(
-                feet, 0.9 if not stone else 0.6, 0.05 if not stone else 0.17, CONCRETE if stone else DARK_STEEL, sides=8
-            ),
-            posts(feet + np.array([0, 0, 0.72]), 0.1, 0.052 if not stone else 0.02, SIGN_WHITE, sides=8),
-        ]
+    height_m, radius_m, band_m, surface = (
+        (0.6, 0.17, 0.02, CONCRETE) if rng.random() < 0.4 else (0.9, 0.05, 0.052, DARK_STEEL)
     )
+    bands = posts(feet + np.array([0, 0, 0.72]), 0.1, band_m, SIGN_WHITE, sides=8)
+    return joined(posts(feet, height_m, radius_m, surface, sides=8), bands)
 
 
 def planter(rng: np.random.Generator) -> Mesh:
     """A concrete or wooden tub with a bush."""
     tub = tinted(CONCRETE, float(rng.uniform(0.7, 1.2))) if rng.random() < 0.6 else WOOD
-    return joined([boxes([[0, 0, 0.25]], [1.3, 0.8, 0.5], tub), _lifted(bush(rng), 0.3)])
+    return joined(boxes([[0, 0, 0.25]], [1.3, 0.8, 0.5], tub), _lifted(bush(rng), 0.3))
 
 
 def cabinet(rng: np.random.Generator) -> Mesh:
@@ -269,7 +259,7 @@ def cabinet(rng: np.random.Generator) -> Mesh:
     half = rng.uniform(0.03, 0.12, (4, 1, 2))
     square = SQUARE * half
     faces = low[:, None] + np.insert(square, 1, 0.0, axis=2)
-    return joined([body, quads(faces, SIGN_WHITE, albedos=rng.uniform(0.15, 0.9, 4))])
+    return joined(body, quads(faces, SIGN_WHITE, albedos=rng.uniform(0.15, 0.9, 4)))
 
 
 def advertising(rng: np.random.Generator) -> Mesh:
@@ -278,7 +268,7 @@ def advertising(rng: np.random.Generator) -> Mesh:
         column = posts([[0, 0, FOOT_M]], 2.9, 0.6, SIGN_WHITE, sides=14)
         column.surfaces[:28, 0] = np.repeat(rng.uniform(0.15, 0.85, 14), 2)
         lid = posts([[0, 0, 2.85]], 0.2, 0.7, DARK_STEEL, sides=14)
-        return joined([column, lid])
+        return joined(column, lid)
     frame = boxes([[0, 0, 1.45]], [0.14, 1.35, 2.4], DARK_STEEL)
     feet = boxes([[0, 0, 0.1]], [0.12, 1.0, 0.4], DARK_STEEL)
     rows, columns = np.meshgrid(np.arange(5), np.arange(3))
@@ -287,7 +277,7 @@ def advertising(rng: np.random.Generator) -> Mesh:
     poster = np.insert(corner[:, None] + cell, 0, 0.075, axis=2)
     shades = rng.uniform(0.15, 0.85, len(poster))
     back = poster[:, ::-1] * (-1, 1, 1)
-    return joined([frame, feet, quads(np.concatenate([poster, back]), LIT_ADVERT, albedos=np.tile(shades, 2))])
+    return joined(frame, feet, quads(np.concatenate([poster, back]), LIT_ADVERT, albedos=np.tile(shades, 2)))
 
 
 def shelter(rng: np.random.Generator) -> Mesh:
@@ -297,13 +287,11 @@ def shelter(rng: np.random.Generator) -> Mesh:
     back = [[-1.9, 1.3, 0.2], [1.9, 1.3, 0.2], [1.9, 1.3, 2.2], [-1.9, 1.3, 2.2]]
     side = [[-1.9, 0.1, 0.2], [-1.9, 1.3, 0.2], [-1.9, 1.3, 2.2], [-1.9, 0.1, 2.2]]
     return joined(
-        [
-            posts(corners, 2.4, 0.045, DARK_STEEL),
-            boxes([[0, 0.6, 2.4]], [4.2, 1.7, 0.12], STEEL),
-            boxes([[0, 1.0, 0.47]], [2.4, 0.4, 0.06], WOOD),
-            boxes([[0, 1.05, 0.22]], [2.0, 0.08, 0.45], DARK_STEEL),
-            quads([back, side], PANE),
-        ]
+        posts(corners, 2.4, 0.045, DARK_STEEL),
+        boxes([[0, 0.6, 2.4]], [4.2, 1.7, 0.12], STEEL),
+        boxes([[0, 1.0, 0.47]], [2.4, 0.4, 0.06], WOOD),
+        boxes([[0, 1.05, 0.22]], [2.0, 0.08, 0.45], DARK_STEEL),
+        quads([back, side], PANE),
     )
 
 
@@ -312,16 +300,14 @@ def bicycle_stands(rng: np.random.Generator) -> Mesh:
     count = int(rng.integers(2, 5))
     feet = np.array([[0.9 * k, y, FOOT_M] for k in range(count) for y in (-0.35, 0.35)])
     bars = boxes([[0.9 * k, 0.0, 0.78] for k in range(count)], [0.05, 0.75, 0.05], STEEL)
-    return joined([posts(feet, 0.85, 0.025, STEEL, sides=6), bars])
+    return joined(posts(feet, 0.85, 0.025, STEEL, sides=6), bars)
 
 
 def globe_lamp(rng: np.random.Generator) -> Mesh:
     """A short post with a globe, as squares and car parks have."""
     return joined(
-        [
-            posts([[0.0, 0.0, FOOT_M]], 3.6, 0.06, DARK_STEEL, sides=8, taper=0.7),
-            blobs([[0.0, 0.0, 3.75]], [[0.22, 0.22, 0.22]], LAMP_LENS, rng),
-        ]
+        posts([[0.0, 0.0, FOOT_M]], 3.6, 0.06, DARK_STEEL, sides=8, taper=0.7),
+        blobs([[0.0, 0.0, 3.75]], [[0.22, 0.22, 0.22]], LAMP_LENS, rng),
     )
 
 
@@ -404,7 +390,7 @@ def building(length_m: float, rng: np.random.Generator) -> Mesh:
     parts += _windows(np.array(windows).reshape(-1, 2), style, length_m, rng)
     if rng.random() < 0.5:  # a downpipe between two houses
         parts.append(boxes([[length_m / 2 - 0.2, -0.08, height_m / 2]], [0.1, 0.1, height_m], tinted(FRAME, 0.6)))
-    return joined(parts)
+    return joined(*parts)
 
 
 def _sill_m(floor: int) -> float:
