@@ -40,10 +40,10 @@ from bench.audit.causes import (
 from bench.audit.polygons import FIT, POLYGONS_SCHEMA, Compensation, PolygonAuditor
 from bench.audit.sources import AuditModel, OpenedSource, StoredAudit, audit_each, same_objects
 from bench.errors import BenchError
-from bench.evaluation import Protocol, SequenceScorer, Summary, summarise
-from bench.evaluation.rows import Row
+from bench.evaluation import Protocol, SequenceScorer, Summary, summary_of
+from bench.evaluation.rows import Row, to_frame
 from bench.evaluation.summary import ProtocolOfRun, Ratio
-from bench.evaluation.sums import bin_names, name_bins
+from bench.evaluation.sums import add_sums, bin_names, name_bins, sum_frames, sum_objects
 from bench.execution import SerialExecutor, TaskExecutor
 from bench.harness.answers import write_table
 from bench.harness.exact import exact_mask, moving_instances
@@ -314,11 +314,14 @@ def polygon_figures(rows: pd.DataFrame, *, protocol: Protocol, kinds: tuple[str,
 def scores(audit: RecordingAudit, *, protocol: Protocol) -> dict[str, Summary]:
     """The evaluation's own metrics, by `Scoring`."""
 
-    def scored(table: str, name: str) -> pa.Table:
-        return audit.tables[table].filter(pc.field("scoring") == name).drop_columns("scoring")
+    def summary(scoring: str) -> Summary:
+        objects, frames = (
+            to_frame(audit.tables[name].filter(pc.field("scoring") == scoring)) for name in ("objects", "frames")
+        )
+        sums = add_sums([sum_objects(objects, protocol=protocol), sum_frames(frames, protocol=protocol)])
+        return summary_of(sums, protocol=protocol)
 
-    names = audit.tables["frames"]["scoring"].unique().to_pylist()
-    return {name: summarise(scored("objects", name), scored("frames", name), protocol=protocol) for name in names}
+    return {name: summary(name) for name in audit.tables["frames"]["scoring"].unique().to_pylist()}
 
 
 def cause_figures(category: str, rows: pd.DataFrame, causes: type[StrEnum]) -> CauseFigures:

@@ -13,20 +13,17 @@ import pytest
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from bench.evaluation import Metric, Summary, definitions, find_metric, load_protocol, summarise
+from bench.evaluation import Metric, Summary, definitions, find_metric, load_protocol
 from bench.evaluation import summary as summary_module
 from bench.evaluation.definitions import object_metrics
 from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, SegmentationMetrics
 from bench.records.reference import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
-from tests.evaluation.runs import PAPER, joined, random_run, scored
+from tests.evaluation.runs import PAPER, joined, random_run, scored, summary_of
+from tests.support.result_rows import summarise
 
 few = settings(max_examples=3, deadline=None)
 Predict = Callable[[ReferenceFrame], NDArray[np.bool_]]
-
-
-def summary_of(tables: tuple[pa.Table, pa.Table]) -> Summary:
-    return summarise(*tables, protocol=PAPER)
 
 
 def three_objects() -> Summary:
@@ -139,8 +136,7 @@ def test_every_object_frame_is_in_one_category_and_one_slice_of_each_breakdown()
     summary = summary_of(random_run(3))
     for rows in (summary.categories, *summary.breakdowns.values()):
         assert sum(row.object_frames for row in rows.values()) == summary.objects.evaluated
-    for slices in summary.false_positive_breakdowns.values():
-        assert sum(row.frames for row in slices.values()) == summary.images.evaluated
+    assert summary.false_positives.frames == summary.images.evaluated
 
 
 def test_figures_lie_in_their_intervals() -> None:
@@ -223,7 +219,7 @@ def test_a_metric_that_is_added_to_the_definitions_is_in_the_summary(monkeypatch
     for module in (definitions, summary_module):
         monkeypatch.setattr(module, "FALSE_POSITIVES", (*definitions.FALSE_POSITIVES, added))
     monkeypatch.setitem(definitions.FIXED, "added", added)
-    found = summarise(*random_run(1), protocol=PAPER)
+    found = summary_of(random_run(1))
     stored = Summary.model_validate_json(found.model_dump_json())
     assert stored.false_positives.metric("added") == found.false_positives.coverage
     assert "added" in stored.false_positives.metric_names()

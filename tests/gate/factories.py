@@ -11,7 +11,7 @@ from bench.evaluation.definitions import image_metrics, object_metrics
 from bench.evaluation.summary import ProtocolOfRun
 from bench.evaluation.sums import CATEGORY, FRAMES, KEY, TERMS
 from bench.gate import RunSums, Tolerances, Verdict, judge, load_tolerances
-from bench.gate.tolerances import Override
+from bench.gate.tolerances import Tolerance
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from tests.support.manifests import method_of_run
 
@@ -20,7 +20,7 @@ RULES = load_tolerances()
 TOLERATED = tuple(
     m.name for m in (*object_metrics((0.1, 0.5)), *image_metrics()) if m.higher_is_better is not None and m.tolerated
 )
-ALL_DECIDE = RULES.model_copy(update={"metrics": dict.fromkeys(TOLERATED, Override(decides=True))})
+ALL_DECIDE = RULES.model_copy(update={"metrics": dict.fromkeys(TOLERATED, Tolerance(decides=True))})
 Sums = Mapping[str, tuple[float, float]]  # recording -> numerator and denominator
 BREAKDOWNS = {FRAMES: FRAMES, "all_moving": "all_moving"}
 

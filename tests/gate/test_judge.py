@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.evaluation import sum_run
 from bench.gate import Outcome, RunSums, judge
-from tests.evaluation.runs import PAPER, random_run
+from tests.evaluation.runs import random_sums
 from tests.gate.factories import ALL_DECIDE, RULES, TOLERATED, one, scored, sums, verdict_of
 
 
@@ -42,7 +41,7 @@ def test_a_loss_in_one_of_six_recordings_fails_only_where_equal_inputs_give_equa
     before, after = one([0.5] * 6), one([0.5] * 5 + [0.0])
     verdict = verdict_of(before, after)
     (row,) = verdict.rows
-    assert (row.outcome, row.worst_recording) == (Outcome.SUSPECT, "drive-5")
+    assert (row.outcome, row.worst_recordings[0].recording) == (Outcome.SUSPECT, "drive-5")
     assert row.ci95[0] < 0 < row.ci95[1]
     assert verdict.passed
     assert "1 suspect" in verdict.headline
@@ -119,7 +118,7 @@ def test_the_worst_comes_first_in_units_of_what_is_tolerated():
 
 
 def drawn(seed: int, **options: int) -> RunSums:
-    return replace(scored({}), sums=sum_run(*random_run(seed, **options), protocol=PAPER))
+    return replace(scored({}), sums=random_sums(seed, **options))
 
 
 def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():
