@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_text
 from bench.audit.causes import (
-    EXPLAINED,
     FALSE_ALARMS_SCHEMA,
     MISSES_SCHEMA,
     ExactRunner,
@@ -69,7 +68,6 @@ class Scoring(StrEnum):
     CELLS = "cells"  # every cell whose centre shows a moving object, and no other: the limit of the method's grid
 
 
-WITHOUT_EXACT_FLOW = (Scoring.LIDAR, Scoring.MASKS)
 SCHEMAS = {"polygons": POLYGONS_SCHEMA, "misses": MISSES_SCHEMA, "false_alarms": FALSE_ALARMS_SCHEMA}
 
 
@@ -138,7 +136,7 @@ class _CameraAudit:
         if exact is not None and isinstance(method, FlowMethod):
             valid, true_camera = self._pipeline.references.valid, exact.cameras[camera]
             self._runner = ExactRunner(opened.source, true_camera, valid=valid, method=method)
-        scorings = WITHOUT_EXACT_FLOW if self._runner is None else tuple(Scoring)
+        scorings = (Scoring.LIDAR, Scoring.MASKS) if self._runner is None else tuple(Scoring)
         self._scorers = {scoring: SequenceScorer(protocol) for scoring in scorings}
         self._rows: dict[str, list[Row]] = {name: [] for name in SCHEMAS}
         self._not_seen = 0
@@ -219,8 +217,7 @@ class Quartiles(AuditModel):
     @classmethod
     def of(cls, values: pd.Series[float]) -> Quartiles:
         """Quartiles of the values that are not NaN."""
-        known = values.dropna().to_numpy(dtype=np.float64)
-        low, median, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist() if len(known) else (np.nan,) * 3
+        low, median, high = values.quantile([0.25, 0.5, 0.75])
         return cls(low=low, median=median, high=high)
 
 
@@ -401,7 +398,7 @@ def run_audit(
 def _left_out(card: DatasetCard, method: Method) -> str:
     """Reason that nothing is explained by exact flow."""
     if not isinstance(method, FlowMethod):
-        return f"the method {method.name!r} does not take flow from outside, {EXPLAINED}"
+        return f"the method {method.name!r} does not take flow from outside, as 'spherical' and 'rigid-scene' do"
     if card.scenario is None:
         return "the data set's card names no scenario, so there is no exact flow"
     return "the scene of no recording could be simulated again; see the failures"
