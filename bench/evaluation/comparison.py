@@ -76,10 +76,10 @@ def pair_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """Set the sums of two runs side by side.
 
     Returns:
-        Columns `KEY`, `TERMS` with the suffixes "_before" and "_after", 0 where a run has no such row, and `side`:
-        "both", "left_only" or "right_only", which of them has it.
+        Columns `KEY`, and `TERMS` with the suffixes "_before" and "_after", 0 where a run has no such row.
     """
-    pairs = merge_rows(before[[*KEY, *TERMS]], after[[*KEY, *TERMS]], on=KEY, how="outer")
+    sides = [side[[*KEY, *TERMS]].astype(dict.fromkeys(KEY, object)) for side in (before, after)]
+    pairs = sides[0].merge(sides[1], on=KEY, how="outer", suffixes=SIDES)
     return pairs.fillna(dict.fromkeys([f"{term}{side}" for term in TERMS for side in SIDES], 0.0))
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import pandas as pd
 import pyarrow as pa
@@ -107,18 +107,15 @@ class RowsOnCommonImages:
         rows = self.rows.read(recordings, list(dict.fromkeys([*columns, *IMAGE])))
         for frames in self.frames:
             images = frames.read(recordings, [*IMAGE, "status"])
-            scored = images.loc[images["status"] == EVALUATED, IMAGE]
-            rows = merge_rows(rows, scored, on=IMAGE).drop(columns="side")
+            rows = merge_rows(rows, images.loc[images["status"] == EVALUATED, IMAGE], on=IMAGE)
         return rows[list(columns)]
 
 
-def merge_rows(
-    one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str], how: Literal["inner", "outer"] = "inner"
-) -> pd.DataFrame:
-    """Join rows by a key; columns that both have get the suffixes "_before" and "_after", `side` says who has a row."""
+def merge_rows(one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str]) -> pd.DataFrame:
+    """The rows whose key both have; columns that both have get the suffixes "_before" and "_after"."""
     words = {name: object for name in on if name != "timestamp_ns"}  # two empty columns of Arrow's strings do not merge
     sides = one.astype(words), other.astype(words)
-    return sides[0].merge(sides[1], on=list(on), how=how, suffixes=("_before", "_after"), indicator="side")
+    return sides[0].merge(sides[1], on=list(on), suffixes=("_before", "_after"))
 
 
 def group_recordings(counts: Mapping[str, int], *, rows_at_once: int | None = None) -> list[list[str]]:

@@ -207,13 +207,9 @@ def _count_tracks(rows: pd.DataFrame, breakdown: str, slices: pd.Series[str]) ->
 
 
 def _count(rows: pd.DataFrame, metric: str, columns: Sequence[str]) -> pd.DataFrame:
-    counts = [
-        rows.groupby([rows[name].rename("slice"), "recording"]).size().rename("numerator").reset_index()
-        for name in columns
-    ]
-    table = pd.concat([one.assign(breakdown=name) for name, one in zip(columns, counts, strict=True)])
-    table = table.astype({"numerator": np.float64}).assign(metric=metric)
-    return table.assign(denominator=table["numerator"])[[*KEY, *TERMS]]
+    long = rows.melt("recording", [*columns], var_name="breakdown", value_name="slice").dropna()
+    counts = long.groupby(["breakdown", "slice", "recording"]).size().astype(np.float64).reset_index(name="numerator")
+    return counts.assign(metric=metric, denominator=counts["numerator"])[[*KEY, *TERMS]]
 
 
 LARGEST = 1e15  # of a sum: the pixels of a billion images; whole numbers up to here are exact

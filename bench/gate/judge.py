@@ -225,12 +225,22 @@ def _judge_row(row: Mapping[Any, Any], tolerances: Tolerances) -> tuple[Outcome,
     """The outcome of a row that has a rule, and its reason where there is one."""
     if row["reason"]:
         return Outcome.NOT_JUDGED, row["reason"]
-    if row["worsening"] > row["allowed"] + ROUNDING:
-        reason = _why_suspect(row)
-        certain = not reason or (row["p_holm"] is not None and tolerances.suspect == "fail")
-        return (Outcome.FAILED if certain else Outcome.SUSPECT), reason
-    improved = row["worsening"] < -row["allowed"] - ROUNDING and excludes_no_change(row["ci95"])
-    return (Outcome.IMPROVED if improved else Outcome.PASSED), ""
+    p_holm, beyond_chance = row["p_holm"], excludes_no_change(row["ci95"])
+    worse = row["worsening"] > row["allowed"] + ROUNDING
+    if not worse:
+        improved = row["worsening"] < -row["allowed"] - ROUNDING and beyond_chance
+        return (Outcome.IMPROVED if improved else Outcome.PASSED), ""
+    if not beyond_chance:
+        reason = "worse than tolerated, but the interval includes no change"
+    elif p_holm is None:
+        reason = "worse than tolerated, but this row decides nothing"
+    elif p_holm > SIGNIFICANCE:
+        so_many = "worse than tolerated, but among so many metrics it may be chance"
+        reason = f"{so_many}: p = {p_holm:.2f}, corrected after Holm"
+    else:
+        return Outcome.FAILED, ""
+    strict = p_holm is not None and tolerances.suspect == "fail"
+    return (Outcome.FAILED if strict else Outcome.SUSPECT), reason
 
 
 def judgeable(run: RunSums, *, tolerances: Tolerances) -> str:
@@ -241,17 +251,6 @@ def judgeable(run: RunSums, *, tolerances: Tolerances) -> str:
     if judged or not rows:
         return told
     return f"{told}: {max(rows, key=lambda row: (row.allowed >= 0, row.cases_before)).reason}"
-
-
-def _why_suspect(row: Mapping[Any, Any]) -> str:
-    """Reason that a loss beyond what is tolerated may be chance, or decides nothing; "" where it is neither."""
-    p_holm = row["p_holm"]
-    if not excludes_no_change(row["ci95"]):
-        return "worse than tolerated, but the interval includes no change"
-    if p_holm is None:
-        return "worse than tolerated, but this row decides nothing"
-    chance = f"worse than tolerated, but among so many metrics it may be chance: p = {p_holm:.2f}, corrected after Holm"
-    return "" if p_holm <= SIGNIFICANCE else chance
 
 
 def _why_not_judged(row: Mapping[Any, Any], tolerances: Tolerances) -> str:

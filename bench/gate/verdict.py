@@ -268,9 +268,9 @@ def overall_rows(verdict: Verdict) -> list[Row]:
 
 def main_rows(verdict: Verdict) -> list[Row]:
     """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
-    shown = {(row.slice_name, row.metric) for row in overall_rows(verdict)}
-    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome) if not is_overlapping(row)]
-    return [row for row in rows if (row.slice_name, row.metric) not in shown]
+    overall = overall_rows(verdict)
+    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome)]
+    return [row for row in rows if row not in overall and not is_overlapping(row)]
 
 
 def folded_lines(verdict: Verdict) -> list[str]:

@@ -156,12 +156,9 @@ def test_recordings_with_cases_of_one_run_count_in_the_change_and_not_as_recordi
     assert found.ci95[0] < found.difference < found.ci95[1]
 
 
-@pytest.mark.parametrize(
-    ("ci95", "excludes"),
-    [((0.1, 0.2), True), ((-0.2, -0.1), True), ((-0.1, 0.1), False), ((0.0, 0.1), False), (None, False)],
-)
-def test_an_interval_with_zero_in_it_is_no_change(ci95: tuple[float, float] | None, excludes: bool) -> None:
-    assert excludes_no_change(ci95) is excludes
+def test_an_interval_with_zero_in_it_is_no_change() -> None:
+    assert all(map(excludes_no_change, [(0.1, 0.2), (-0.2, -0.1)]))
+    assert not any(map(excludes_no_change, [(-0.1, 0.1), (0.0, 0.1), None]))
 
 
 def test_a_change_does_not_depend_on_the_order_of_the_rows() -> None:
@@ -209,12 +206,10 @@ def test_every_kind_of_change() -> None:
     assert [(r["track_id"], r["change"]) for r in rows] == [
         *[("a", "neither"), ("b", "gained"), ("c", "lost"), ("d", "both")]
     ]
-    d = rows[-1]
-    assert (d["coverage_before"], d["coverage_after"]) == (0.5, 1)
-    assert (d["detected_before"], d["detected_after"]) == (True, True)
-    assert (d["object_class"], d["category"], d["range_m"], d["region_px"]) == ("pedestrian", "crossing", 3.0, 2)
+    expected = {"object_class": "pedestrian", "category": "crossing", "range_m": 3.0, "region_px": 2}
+    expected |= {"coverage_before": 0.5, "coverage_after": 1, "detected_before": True, "detected_after": True}
     # Before, one component of two pixels touches c and d; after, d alone.
-    assert (d["iou_before"], d["iou_after"]) == (0.5, 1.0)
+    assert rows[-1].items() >= (expected | {"iou_before": 0.5, "iou_after": 1.0}).items()
 
 
 def test_what_one_run_alone_evaluated_is_no_change() -> None:
@@ -225,15 +220,10 @@ def test_what_one_run_alone_evaluated_is_no_change() -> None:
         assert object_changes(*sides)[["track_id", "change"]].to_numpy().tolist() == [["a", "both"]]
 
 
-def test_the_order_of_the_rows_does_not_matter() -> None:
-    (before, _), (after, _) = random_run(1), random_run(2)
-    turned = object_changes(shuffled(before, 3), shuffled(after, 4))
-    pd.testing.assert_frame_equal(turned, object_changes(before, after))
-
-
-def test_changes_in_parts_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changes_in_any_order_and_in_parts_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     (before, _), (after, _) = random_run(1), random_run(2)
     whole = object_changes(before, after)
+    pd.testing.assert_frame_equal(object_changes(shuffled(before, 3), shuffled(after, 4)), whole)
     monkeypatch.setattr("bench.evaluation.rows.ROWS_AT_ONCE", 25)
     parts = list(changes_in_parts(TableRows(shuffled(before, 1)), TableRows(shuffled(after, 2))))
     assert len(parts) > 1

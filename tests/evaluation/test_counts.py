@@ -44,19 +44,8 @@ def count(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[FrameCoun
 
 
 def test_one_object_half_detected_with_a_spill_and_a_blob_elsewhere() -> None:
-    frame = reference_frame(
-        picture("""
-        11......
-        11......
-        ........
-        """)
-    )
-    detected = mask("""
-        .xxx....
-        .x....xx
-        .......x
-        """)
-    counts, (item,) = count(frame, detected)
+    frame = reference_frame(picture("11......\n11......\n........"))
+    counts, (item,) = count(frame, mask(".xxx....\n.x....xx\n.......x"))
     assert (item.tp, item.fn, item.fp) == (2, 2, 2)
     assert (counts.tp_px, counts.fn_px, counts.fp_px, counts.fp_unattached_px) == (2, 2, 5, 3)
     assert (counts.fp_components, counts.fp_large_components, counts.fp_largest_px) == (2, 0, 3)
@@ -254,14 +243,9 @@ def test_every_annotated_object_has_a_row() -> None:
 def test_cells_are_spread_over_the_image() -> None:
     scorer = SequenceScorer(PAPER)
     frame = reference_frame(np.zeros((4, 6), dtype=np.int32), valid=mask("xxxxxx\nxxxxxx\nxxxxxx\n......"))
-    cells = Segmentation(
-        cell_size_px=2,
-        mask=mask("x..\n..."),
-        undefined=mask("...\n.x."),
-        causes=("depth", "epipolar"),
-        cause=np.array([[1, 0, 0], [0, 0, 0]], dtype=np.uint8),
-    )
-    scorer.add(frame, cells)
+    marked = {"mask": mask("x..\n..."), "undefined": mask("...\n.x.")}
+    cause = np.array([[1, 0, 0], [0, 0, 0]], dtype=np.uint8)
+    scorer.add(frame, Segmentation(cell_size_px=2, **marked, causes=("depth", "epipolar"), cause=cause))
     (row,) = scorer.finish()[1].to_pylist()
     assert (row["fp_px"], row["undefined_px"], row["valid_px"]) == (4, 2, 18)
     assert row["fp_by_cause"] == [("depth", 0), ("epipolar", 4)]

@@ -143,13 +143,10 @@ def test_what_is_no_table_of_sums_is_refused(tmp_path: Path, text: str, message:
     assert message in str(refused.value)
     assert str(file) in str(refused.value)
     assert not message.startswith("line 2") or "got frames, frames, NA, " in str(refused.value)
-
-
-def test_a_file_of_bytes_and_a_missing_one_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "sums.csv").write_bytes(bytes(range(256)))
-    for name in ("sums.csv", "missing.csv"):
-        with pytest.raises(DataError, match=name):
-            read_sums(tmp_path / name)
+    file.write_bytes(bytes(range(256)))
+    for damaged in (file, tmp_path / "missing.csv"):
+        with pytest.raises(DataError, match=damaged.name):
+            read_sums(damaged)
 
 
 # Maps of the detection rate by place.
@@ -176,18 +173,13 @@ def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
     assert lateral.object_frames[ahead + 1, right] == 1
     assert lateral.object_frames.sum() == 3
     assert np.isnan(lateral.rate[0, 0])
+    far = range_maps(placed((11.0, 0.0)), protocol=PAPER)
+    assert far.maps[0].edges_m[-1] == 12.0, "the grid grows to the furthest object"
 
 
 def test_a_cell_with_few_object_frames_is_marked() -> None:
-    lateral = map_of(
-        range_maps(placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4), protocol=PAPER), "pedestrian", Direction.LATERAL
-    )
-    assert np.argwhere(lateral.enough).tolist() == [[2 + 8, 1 + 8]]
-
-
-def test_the_grid_grows_to_the_furthest_object() -> None:
-    found = range_maps(placed((11.0, 0.0)), protocol=PAPER)
-    assert found.maps[0].edges_m[-1] == 12.0
+    found = range_maps(placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4), protocol=PAPER)
+    assert np.argwhere(map_of(found, "pedestrian", Direction.LATERAL).enough).tolist() == [[2 + 8, 1 + 8]]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -122,11 +122,6 @@ def test_images_of_different_sizes_count_alike_in_coverage() -> None:
     assert summary.false_positives.coverage.value == 0.5
 
 
-def test_without_objects_there_is_no_recall() -> None:
-    sweep = sweep_of(("..", [[1, 0]]))
-    assert np.isnan(sweep.recall).all()
-
-
 def test_a_method_without_likelihood_has_nulls_and_no_curve() -> None:
     _, frames = scored([(reference_frame(picture("1.")), mask("x."))])
     assert frames["likelihood_reference_px"].null_count == frames["likelihood_outside_px"].null_count == 1
@@ -212,6 +207,7 @@ def test_intervals_are_by_recording_and_the_order_of_rows_does_not_matter() -> N
 
 
 def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
+    assert np.isnan(sweep_of(("..", [[1, 0]])).recall).all()
     nothing = free_of(scores_of(("....", np.full((1, 4), 0.3))))
     assert math.isnan(nothing.auprc.value)
     assert math.isnan(nothing.fpr95.value)
