@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from bench.errors import ShapeError
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, SequenceScorer
@@ -106,7 +107,9 @@ def brute_force(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[dic
     false = {p for p in mask_px if frame.labels[p] == 0 and not frame.ignored[p]}
     shares = [0] * len(regions)
     sizes, unattached = [], 0
-    for component in _components(mask_px):
+    labels, components = ndimage.label(detected & frame.valid, structure=np.ones((3, 3)))
+    for number in range(1, components + 1):
+        component = {p for p in pixels if labels[p] == number}
         size = len(component & false)
         sizes.append(size)
         overlaps = {k: len(component & region) for k, region in enumerate(regions) if component & region}
@@ -135,20 +138,6 @@ def brute_force(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[dic
     }
     assert all((o.status is Status.EVALUATED) == bool(r) for o, r in zip(frame.objects, regions, strict=True))
     return totals, objects
-
-
-def _components(pixels: set[tuple[int, int]]) -> list[set[tuple[int, int]]]:
-    left, found = set(pixels), []
-    while left:
-        component, edge = set(), [left.pop()]
-        while edge:
-            v, u = edge.pop()
-            component.add((v, u))
-            near = {(v + i, u + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & left
-            left -= near
-            edge.extend(near)
-        found.append(component)
-    return found
 
 
 # An image taken apart, and pixels counted by cell.
