@@ -71,7 +71,7 @@ class Drawn:
         before, after = (self._scored(draw, truth, loss=lost) * below for lost in (0.0, loss))
         keys = pd.MultiIndex.from_tuples(self.keys, names=SLICE).repeat(recordings).to_frame(index=False)
         terms = {"numerator_before": before, "numerator_after": after} | dict.fromkeys(CASES, below)
-        table = keys.assign(side="both", **{name: of_rows.ravel() for name, of_rows in terms.items()})
+        table = keys.assign(**{name: of_rows.ravel() for name, of_rows in terms.items()})
         return table[table[CASES[0]] > 0]
 
     def _scored(self, draw: np.random.Generator, truth: Terms, *, loss: float) -> Terms:

@@ -20,12 +20,11 @@ from scipy.ndimage import binary_dilation
 
 from bench.audit.sources import AuditSource, instance_ids
 from bench.cameras import ray_grid
-from bench.errors import UsageError
 from bench.evaluation import Protocol
-from bench.evaluation.rows import IMAGE, Row
+from bench.evaluation.rows import IMAGE, IMAGE_COLUMNS, Row
 from bench.harness.exact import moving_instances
 from bench.harness.frames import FramePipeline
-from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
+from bench.methods import FlowMethod, MethodInput, Segmentation, ask_method
 from bench.methods.two_views import flow_rays
 from bench.recordings import MountedCamera
 from bench.records.reference import ReferenceFrame, Status
@@ -118,23 +117,9 @@ class ExactRunner:
             given: its input as recorded.
             moving: instance ids of the objects that move.
         """
-        previous_ns, current_ns = given.timestamps_ns[-2:]
-        flow = self._caster.flow(current_ns=current_ns, previous_ns=previous_ns)
-        exact = replace(
-            given,
-            camera=self._camera.model,
-            road=self._caster.road(current_ns),
-            current_from_previous=tuple(
-                self._caster.motion(current_ns=later_ns, previous_ns=earlier_ns)
-                for earlier_ns, later_ns in pairwise(given.timestamps_ns)
-            ),
-        )
-        return self._three_runs(given, exact, flow, moving=moving)
-
-    def _three_runs(
-        self, given: MethodInput, exact: MethodInput, flow: ExactFlow, *, moving: Sequence[int]
-    ) -> ThreeRuns:
-        method, cells, true = self._method, self._cells, flow.flow.astype(np.float32)
+        method, cells, exact = self._method, self._cells, self._with_exact_motion(given)
+        flow = self._caster.flow(current_ns=given.timestamps_ns[-1], previous_ns=given.timestamps_ns[-2])
+        true = flow.flow.astype(np.float32)
         recorded, exact_motion = ask_method(method, given), ask_method(method, exact)
         exact_flow = method.segment_flow(exact, true)
         error_px = np.linalg.norm(method.mean_flow(given) - flow.flow, axis=-1)
@@ -167,6 +152,15 @@ class ExactRunner:
             flow_error_px=np.where(flow.visible, error_px, np.nan),
         )
 
+    def _with_exact_motion(self, given: MethodInput) -> MethodInput:
+        """The input with the true calibration, road and ego-motion."""
+        motions = (
+            self._caster.motion(current_ns=later_ns, previous_ns=earlier_ns)
+            for earlier_ns, later_ns in pairwise(given.timestamps_ns)
+        )
+        road = self._caster.road(given.timestamps_ns[-1])
+        return replace(given, camera=self._camera.model, road=road, current_from_previous=tuple(motions))
+
     def _below_horizon(self, exact: MethodInput, flow: ExactFlow) -> Cells:
         """The rays to both places of the point go below the horizon."""
         rays, _ = exact.camera.unproject((self._cells.pixels + flow.flow).reshape(-1, 2))
@@ -175,7 +169,6 @@ class ExactRunner:
             return (rotated @ exact.road.down > 0) & (self._cells.rays_camera @ exact.road.down > 0)
 
 
-EXPLAINED = "as 'spherical' and 'rigid-scene' do"
 BESIDE_PX = 15  # a flow window's width: as far as an object's motion bleeds into its surroundings
 
 
@@ -240,12 +233,11 @@ def _first(where: Mapping[StrEnum, Cells], *, otherwise: StrEnum) -> NDArray[np.
     return np.select(list(where.values()), [order.index(kind) for kind in where], default=order.index(otherwise))
 
 
-_IMAGE = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 # One row per evaluated object-frame: cells of its exact mask; `hit` plus the causes is `cells`. Of `hit`,
 # `hit_by_error` are those where the exact flow fires nothing: an error of flow or ego-motion has found them.
 MISSES_SCHEMA = pa.schema(
     [
-        *_IMAGE,
+        *IMAGE_COLUMNS,
         *[(name, pa.string()) for name in ("track_id", "object_class", "category")],
         ("range_m", pa.float64()),
         ("flow_error_px", pa.float64()),
@@ -254,7 +246,11 @@ MISSES_SCHEMA = pa.schema(
 )
 # One row per image: cells of the static world in V; `flagged` is the sum of the causes.
 FALSE_ALARMS_SCHEMA = pa.schema(
-    [*_IMAGE, ("flow_error_px", pa.float64()), *[(name, pa.int64()) for name in ("cells", "flagged", *FalseCause)]]
+    [
+        *IMAGE_COLUMNS,
+        ("flow_error_px", pa.float64()),
+        *[(name, pa.int64()) for name in ("cells", "flagged", *FalseCause)],
+    ]
 )
 
 
@@ -320,18 +316,14 @@ class ExplainedImage:
 
 
 def explain_image(
-    source: AuditSource, *, camera: str, timestamp_ns: int, method: Method, protocol: Protocol
+    source: AuditSource, *, camera: str, timestamp_ns: int, method: FlowMethod, protocol: Protocol
 ) -> ExplainedImage:
-    """Explain one image of a recording, as the audit did.
+    """Explain one image of a recording that can be simulated, as the audit did.
 
     Raises:
         DataError: something of the recording cannot be read.
-        UsageError: the recording has no scene to simulate, or the method takes no flow from outside.
     """
-    if not isinstance(method, FlowMethod):
-        raise UsageError(f"explain: expected a method that takes flow from outside, {EXPLAINED}, got {method.name!r}")
-    if source.exact is None or source.scene is None:
-        raise UsageError(f"recording {source.recorded.name!r}: expected a scene that can be simulated, got none")
+    assert source.exact is not None, "the recording can be simulated"
     recording, true_camera = source.recorded.open(), source.exact.open().cameras[camera]
     pipeline = FramePipeline(recording, camera, method=method, protocol=protocol)
     index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)

@@ -7,16 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 
-import cv2
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_erosion, binary_fill_holes, distance_transform_edt, find_objects
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import Trajectory
-from bench.evaluation.rows import IMAGE, Row
-from bench.recordings import ImageRef, ObjectState, Recording, Track
+from bench.evaluation.rows import IMAGE, IMAGE_COLUMNS, Row
+from bench.recordings import ImageRef, Recording, Track
 from bench.records.reference import Category, ReferenceFrame, ReferenceObject, Status
 from bench.records.rules import ReferenceSettings
 from bench.reference import REGION_KINDS, ReferenceBuilder
@@ -46,23 +45,21 @@ def with_compensation(recording: Recording, compensation: Compensation) -> Recor
 
 
 def _stationary(track: Track) -> Track:
-    return replace(track, states=tuple(_without_motion(state) for state in track.states))
-
-
-def _without_motion(state: ObjectState) -> ObjectState:
-    category = Category.CROSSING.value if state.category is None else state.category
-    return replace(state, velocity_mps=np.zeros(3), yaw_rate_radps=0.0, category=category)
+    states = (
+        replace(s, velocity_mps=np.zeros(3), yaw_rate_radps=0.0, category=s.category or Category.CROSSING.value)
+        for s in track.states
+    )
+    return replace(track, states=tuple(states))
 
 
 def _stationary_ego(driven: Trajectory) -> Trajectory:
     ends_ns = driven.timestamps_ns[[0, -1]]
-    return Trajectory(
-        source=driven.source,
+    return replace(
+        driven,
         timestamps_ns=ends_ns,
         rotations=Rotation.identity(2),
         positions_m=np.zeros((2, 3)),
         max_gap_ns=int(ends_ns[1] - ends_ns[0]),
-        max_extrapolation_ns=driven.max_extrapolation_ns,
     )
 
 
@@ -94,7 +91,7 @@ def region_fit(region: Mask, mask: Mask) -> RegionFit:
         region: (H, W) bool, not empty.
         mask: (H, W) bool, not empty.
     """
-    window = _window(region | mask)
+    (window,) = find_objects((region | mask).astype(np.uint8))
     region, mask = region[window], mask[window]
     both, size, covered = np.count_nonzero(region & mask), np.count_nonzero(mask), np.count_nonzero(region)
     assert size, "the object is seen"
@@ -103,33 +100,15 @@ def region_fit(region: Mask, mask: Mask) -> RegionFit:
         iou=both / (size + covered - both),
         area_error=(covered - size) / size,
         boundary_px=_outline_distance_px(region, mask),
-        solid=size / np.count_nonzero(_filled(mask)),
+        solid=size / np.count_nonzero(binary_fill_holes(mask)),
     )
-
-
-def _filled(mask: Mask) -> Mask:
-    """The mask with every pixel that its outer outlines enclose."""
-    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return np.asarray(cv2.drawContours(np.zeros(mask.shape, np.uint8), outlines, -1, 1, cv2.FILLED) > 0)
-
-
-def _window(mask: Mask) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def _outline_distance_px(first: Mask, second: Mask) -> float:
     # By SciPy: OpenCV's distances depend on where the mask lies in memory, in the last digit.
-    outlines = [_outline(mask) for mask in (first, second)]
+    outlines = [mask & ~binary_erosion(mask) for mask in (first, second)]  # with a 4-neighbour outside of it
     there, back = (distance_transform_edt(~outlines[k])[outlines[1 - k]].mean() for k in (1, 0))
     return float((there + back) / 2)
-
-
-def _outline(mask: Mask) -> Mask:
-    """Pixels of the mask with a 4-neighbour outside of it."""
-    framed = np.pad(mask, 1)
-    inner = framed[:-2, 1:-1] & framed[2:, 1:-1] & framed[1:-1, :-2] & framed[1:-1, 2:]
-    return mask & ~inner
 
 
 FIT = tuple(measure.name for measure in fields(RegionFit))
@@ -137,8 +116,7 @@ FIT = tuple(measure.name for measure in fields(RegionFit))
 # One row per evaluated object-frame, kind and compensation that gave a polygon; ratios as in `RegionFit`.
 POLYGONS_SCHEMA = pa.schema(
     [
-        *[(name, pa.string()) for name in ("recording", "camera")],
-        ("timestamp_ns", pa.int64()),
+        *IMAGE_COLUMNS,
         *[(name, pa.string()) for name in ("track_id", "object_class", "category", "kind", "compensation")],
         *[(name, pa.float64()) for name in ("range_m", "speed_mps")],
         *[(name, pa.int64()) for name in ("points", "mask_px", "region_px")],

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_text
 from bench.audit.causes import (
-    EXPLAINED,
     FALSE_ALARMS_SCHEMA,
     MISSES_SCHEMA,
     ExactRunner,
@@ -40,10 +39,10 @@ from bench.audit.causes import (
 from bench.audit.polygons import FIT, POLYGONS_SCHEMA, Compensation, PolygonAuditor
 from bench.audit.sources import AuditModel, OpenedSource, StoredAudit, audit_each, same_objects
 from bench.errors import BenchError
-from bench.evaluation import Protocol, SequenceScorer, Summary, summarise
-from bench.evaluation.rows import Row
+from bench.evaluation import Protocol, SequenceScorer, Summary, summary_of
+from bench.evaluation.rows import Row, to_frame
 from bench.evaluation.summary import ProtocolOfRun, Ratio
-from bench.evaluation.sums import bin_names, name_bins
+from bench.evaluation.sums import add_sums, bin_names, name_bins, sum_frames, sum_objects
 from bench.execution import Progress, SerialExecutor, TaskExecutor
 from bench.harness.answers import write_table
 from bench.harness.exact import exact_mask, moving_instances
@@ -69,7 +68,6 @@ class Scoring(StrEnum):
     CELLS = "cells"  # every cell whose centre shows a moving object, and no other: the limit of the method's grid
 
 
-WITHOUT_EXACT_FLOW = (Scoring.LIDAR, Scoring.MASKS)
 SCHEMAS = {"polygons": POLYGONS_SCHEMA, "misses": MISSES_SCHEMA, "false_alarms": FALSE_ALARMS_SCHEMA}
 
 
@@ -138,7 +136,7 @@ class _CameraAudit:
         if exact is not None and isinstance(method, FlowMethod):
             valid, true_camera = self._pipeline.references.valid, exact.cameras[camera]
             self._runner = ExactRunner(opened.source, true_camera, valid=valid, method=method)
-        scorings = WITHOUT_EXACT_FLOW if self._runner is None else tuple(Scoring)
+        scorings = (Scoring.LIDAR, Scoring.MASKS) if self._runner is None else tuple(Scoring)
         self._scorers = {scoring: SequenceScorer(protocol) for scoring in scorings}
         self._rows: dict[str, list[Row]] = {name: [] for name in SCHEMAS}
         self._not_seen = 0
@@ -219,8 +217,7 @@ class Quartiles(AuditModel):
     @classmethod
     def of(cls, values: pd.Series[float]) -> Quartiles:
         """Quartiles of the values that are not NaN."""
-        known = values.dropna().to_numpy(dtype=np.float64)
-        low, median, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist() if len(known) else (np.nan,) * 3
+        low, median, high = values.quantile([0.25, 0.5, 0.75])
         return cls(low=low, median=median, high=high)
 
 
@@ -314,11 +311,14 @@ def polygon_figures(rows: pd.DataFrame, *, protocol: Protocol, kinds: tuple[str,
 def scores(audit: RecordingAudit, *, protocol: Protocol) -> dict[str, Summary]:
     """The evaluation's own metrics, by `Scoring`."""
 
-    def scored(table: str, name: str) -> pa.Table:
-        return audit.tables[table].filter(pc.field("scoring") == name).drop_columns("scoring")
+    def summary(scoring: str) -> Summary:
+        objects, frames = (
+            to_frame(audit.tables[name].filter(pc.field("scoring") == scoring)) for name in ("objects", "frames")
+        )
+        sums = add_sums([sum_objects(objects, protocol=protocol), sum_frames(frames, protocol=protocol)])
+        return summary_of(sums, protocol=protocol)
 
-    names = audit.tables["frames"]["scoring"].unique().to_pylist()
-    return {name: summarise(scored("objects", name), scored("frames", name), protocol=protocol) for name in names}
+    return {name: summary(name) for name in audit.tables["frames"]["scoring"].unique().to_pylist()}
 
 
 def cause_figures(category: str, rows: pd.DataFrame, causes: type[StrEnum]) -> CauseFigures:
@@ -398,7 +398,7 @@ def run_audit(
 def _left_out(card: DatasetCard, method: Method) -> str:
     """Reason that nothing is explained by exact flow."""
     if not isinstance(method, FlowMethod):
-        return f"the method {method.name!r} does not take flow from outside, {EXPLAINED}"
+        return f"the method {method.name!r} does not take flow from outside, as 'spherical' and 'rigid-scene' do"
     if card.scenario is None:
         return "the data set's card names no scenario, so there is no exact flow"
     return "the scene of no recording could be simulated again; see the failures"

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from time import perf_counter
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.scenario import RecordingSpec
 
 Found = TypeVar("Found")
+_Audited = tuple[Found, str, int, list[str]]  # what the work found, digest of the data, images used, problems
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,16 +86,6 @@ class OpenedSource:
     instance_of: Mapping[str, int]
     images: int = 0
     problems: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Done(Generic[Found]):
-    """The result of the work on a recording, and what every audit says of it; see `OpenedSource`."""
-
-    result: Found
-    digest: str
-    images: int
-    problems: list[str]
 
 
 class AuditModel(BaseModel):
@@ -158,38 +150,39 @@ def audit_each(
     """
     start_s = perf_counter()
     sources = audit_sources(card, split=split, recordings=recordings)
-    outcomes: dict[str, _Done[Found] | DataError | FailedTask] = {}
+    outcomes: dict[str, _Audited[Found] | DataError | FailedTask] = {}
     with executor, closing(executor.compute(partial(_done, work=work), sources)) as results:
         for source, outcome in results:
             outcomes[source.recorded.name] = outcome
             if progress is not None:
                 progress(len(outcomes), len(sources))
     ordered = [(source.recorded.name, outcomes[source.recorded.name]) for source in sources]
-    done = [outcome for _, outcome in ordered if isinstance(outcome, _Done)]
+    audited = [outcome for _, outcome in ordered if isinstance(outcome, tuple)]
     failures = [
         f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
         for name, outcome in ordered
-        if not isinstance(outcome, _Done)
+        if not isinstance(outcome, tuple)
     ]
-    if not done:
+    if not audited:
         mistakes = (outcome for _, outcome in ordered if isinstance(outcome, DataError))
         got = "; ".join(failures) or "none"
         raise next(mistakes, DataError(card.file, expected="a recording that can be audited", got=got))
-    images = sum(audited.images for audited in done)
-    return [audited.result for audited in done], StoredAudit(
+    found, digests, counts, problems = zip(*audited, strict=True)
+    images = sum(counts)
+    return [*found], StoredAudit(
         dataset=card.name,
         card=str(card.file),
         split=split,
-        recordings=len(done),
+        recordings=len(audited),
         images=images,
-        failures=(*failures, *(problem for audited in done for problem in audited.problems)),
-        data=digest_of(sorted(audited.digest for audited in done)),
+        failures=(*failures, *chain.from_iterable(problems)),
+        data=digest_of(sorted(digests)),
         code=CodeOfRun.here(),
         provenance=provenance_since(start_s, images=images),
     )
 
 
-def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Done[Found] | DataError:
+def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Audited[Found] | DataError:
     """Return the result of the work, or the user's mistake that prevents it; a bug is raised."""
     try:
         recording = source.recorded.open()
@@ -202,7 +195,7 @@ def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Don
             )
         digest = digest_recording(recording).whole
         opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(recording))
-        return _Done(result=work(opened), digest=digest, images=opened.images, problems=opened.problems)
+        return work(opened), digest, opened.images, opened.problems
     except DataError as error:
         return error
 

@@ -25,7 +25,7 @@ from bench.adapters.woodscape import WoodscapeOptions
 from bench.cameras import RollingShutter
 from bench.errors import UnknownNameError
 from bench.evaluation.protocol import Protocol, known_protocols
-from bench.gate.tolerances import Override, Tolerance, Tolerances, known_tolerances
+from bench.gate.tolerances import Tolerances, known_tolerances
 from bench.harness.manifest import Manifest
 from bench.harness.stored import RunSummary
 from bench.recordings.annotations import AnnotationFile
@@ -46,7 +46,6 @@ OPTIONS: dict[str, type[BaseModel]] = {  # of cards, by adapter
 }
 DOCUMENTED_BY: dict[type[BaseModel], type] = {  # records that say what fields of the same names mean
     RollingShutterHead: RollingShutter,
-    Override: Tolerance,
 }
 
 

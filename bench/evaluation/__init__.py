@@ -49,9 +49,9 @@ from bench.evaluation.comparison import PairedChange, changes_in_parts, compare_
 from bench.evaluation.counts import count_frame
 from bench.evaluation.definitions import Definition, find_metric, headlines
 from bench.evaluation.protocol import Protocol, known_protocols, load_protocol
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, RowSource
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource
 from bench.evaluation.scorer import SequenceScorer
-from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summarise, summary_of
+from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, Summary, summary_of
 from bench.evaluation.sums import read_sums, sum_run, write_sums
 from bench.evaluation.thresholds import ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
 
@@ -65,7 +65,6 @@ __all__ = [
     "PairedChange",
     "Protocol",
     "RowSource",
-    "Rows",
     "SequenceScorer",
     "Summary",
     "ThresholdFreeMetrics",
@@ -79,7 +78,6 @@ __all__ = [
     "load_protocol",
     "read_sums",
     "sum_run",
-    "summarise",
     "summary_of",
     "threshold_free_metrics",
     "threshold_sweep",

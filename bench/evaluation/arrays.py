@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from bench.errors import ShapeError, UsageError
 from bench.evaluation.definitions import (
-    FALSE_POSITIVES,
-    SEGMENTATION,
-    Definition,
+    HALF,
+    OBJECT_FRAMES,
     coverage,
+    image_metrics,
     intersection_over_union,
     object_metrics,
 )
@@ -30,8 +30,8 @@ from bench.records.reference import ReferenceFrame, pixels_object
 from bench.records.segmentation import Segmentation
 
 Mask = NDArray[np.bool_]
-LEVELS = (0.1, 0.5)  # of coverage, at which an object counts as detected as well
-CHANCE = "chance"  # needs a mask of another time
+# All but the chance levels, which need a mask of another time.
+METRICS = [m for m in (*object_metrics((0.1, HALF)), *image_metrics()) if not m.name.startswith("chance")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -67,14 +67,9 @@ class Score:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """All ratios by name: those of objects, of false positives (`fp_...`), of all pixels (`pixel_...`)."""
-        objects, frames = self._evaluated, to_frame(self._frames)
-        of_objects = [metric for metric in object_metrics(LEVELS) if not metric.name.startswith(CHANCE)]
-        return {
-            **{metric.name: _ratio(objects, metric) for metric in of_objects},
-            **{f"fp_{metric.field}": _ratio(frames, metric) for metric in FALSE_POSITIVES},
-            **{f"pixel_{metric.field}": _ratio(frames, metric) for metric in SEGMENTATION},
-        }
+        """The metrics of docs/metrics.md by name, but for chance levels."""
+        objects, images = self._evaluated, to_frame(self._frames)
+        return {m.name: m.value(objects if m.over == OBJECT_FRAMES else images) for m in METRICS}
 
     @property
     def tpr(self) -> float:
@@ -89,7 +84,7 @@ class Score:
     @property
     def false_positives(self) -> float:
         """False-positive coverage: what is marked outside of every object and of I, as a share of the image."""
-        return self.metrics["fp_coverage"]
+        return self.metrics["false_positive_coverage"]
 
     @property
     def _evaluated(self) -> pd.DataFrame:
@@ -224,8 +219,3 @@ def _pixels(values: object, name: str, shape: tuple[int, ...] | None, kinds: str
         got = f"a masked {pixels.shape}" if isinstance(values, np.ma.MaskedArray) else str(pixels.shape)
         raise ShapeError(f"{name}: expected an array of {size} of {kinds}, got {got} of {pixels.dtype}")
     return pixels
-
-
-def _ratio(rows: pd.DataFrame, metric: Definition) -> float:
-    above, below = float(metric.numerator(rows).sum()), float(metric.denominator(rows).sum())
-    return above / below if below else float("nan")

@@ -24,7 +24,7 @@ from bench.evaluation.intervals import (
     jackknife,
     ratio_without_each,
 )
-from bench.evaluation.rows import EVALUATED, OBJECT, Rows, as_source, group_recordings, merge_rows, sort_rows
+from bench.evaluation.rows import EVALUATED, OBJECT, RowSource, merge_rows, read_pairs, sort_rows
 from bench.evaluation.sums import KEY, TERMS, name_slice
 
 SIGNIFICANCE = 0.05  # of p-values corrected after Holm
@@ -76,10 +76,10 @@ def pair_sums(before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """Set the sums of two runs side by side.
 
     Returns:
-        Columns `KEY`, `TERMS` with the suffixes "_before" and "_after", 0 where a run has no such row, and `side`:
-        "both", "left_only" or "right_only", which of them has it.
+        Columns `KEY`, and `TERMS` with the suffixes "_before" and "_after", 0 where a run has no such row.
     """
-    pairs = merge_rows(before[[*KEY, *TERMS]], after[[*KEY, *TERMS]], on=KEY, how="outer")
+    sides = [side[[*KEY, *TERMS]].astype(dict.fromkeys(KEY, object)) for side in (before, after)]
+    pairs = sides[0].merge(sides[1], on=KEY, how="outer", suffixes=SIDES)
     return pairs.fillna(dict.fromkeys([f"{term}{side}" for term in TERMS for side in SIDES], 0.0))
 
 
@@ -94,27 +94,23 @@ def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
         `p_value` None where there is none, and
         `slice_name`: of the slice among all, as `name_slice` gives it;
         `improvement`: the difference in the metric's direction, negative for worse;
-        `side`: "both", or "left_only" or "right_only" for a metric of a slice that one run does not have;
-        `same_cases`: whether each recording has as many in both;
         `frames_before`, `frames_after`: object-frames of the slice, image-frames for a metric of these.
     """
     groups: Iterable[tuple[Any, pd.DataFrame]] = _with_direction(pairs).groupby(SLICE, sort=False)
     rows = []
     for key, part in groups:
-        metric, sides = find_metric(key[2]), {*part["side"]}
+        metric = find_metric(key[2])
         change = paired_change(part, within=metric.change_bounds)
         rows.append(
             dict(zip(SLICE, key, strict=True))
             | asdict(change)
             | {"slice_name": name_slice(*key[:2]), "improvement": metric.improvement(change.difference)}
-            | {"side": sides.pop() if len(sides) == 1 else "both"}
-            | {"same_cases": bool((part[CASES[0]] == part[CASES[1]]).all())}
         )
-    fields = [*SLICE, *PairedChange.__slots__, "slice_name", "improvement", "side", "same_cases"]
+    fields = [*SLICE, *PairedChange.__slots__, "slice_name", "improvement"]
     table = pd.DataFrame(rows, columns=fields, dtype=object).set_index(SLICE)
     kinds: dict[str, Any] = dict.fromkeys(("before", "after", "difference", "improvement"), np.float64)
     kinds |= dict.fromkeys(("cases_before", "cases_after", "recordings"), np.int64)
-    table = table.astype(kinds | {"same_cases": bool})
+    table = table.astype(kinds)
     every_row = [(*of, EVERY_ROW[find_metric(metric).over]) for *of, metric in table.index]
     for side in SIDES:
         frames = table[f"cases{side}"].reindex(pd.MultiIndex.from_tuples(every_row, names=SLICE)).to_numpy()
@@ -224,23 +220,20 @@ CHANGES = [*OBJECT, *_OF_OBJECT, "change", *(f"{name}{side}" for name in _MEASUR
 _READ = [*OBJECT, "status", *_OF_OBJECT, "tp", "fn", "fp"]
 
 
-def changes_in_parts(before: Rows, after: Rows, *, level: float = 0.0) -> Iterator[pd.DataFrame]:
+def changes_in_parts(before: RowSource, after: RowSource, *, level: float = 0.0) -> Iterator[pd.DataFrame]:
     """Set the object-frames that both of two runs evaluated side by side, some recordings at a time.
 
     Args:
-        before: of `OBJECTS_SCHEMA`, in memory or stored.
-        after: of `OBJECTS_SCHEMA`, in memory or stored.
+        before: of `OBJECTS_SCHEMA`.
+        after: of `OBJECTS_SCHEMA`.
         level: coverage from which on an object counts as detected; 0 for any pixel.
 
     Yields:
         Columns `CHANGES`, a row for each object-frame, by recording, camera, time and track. `change` is "gained" or
         "lost" (the detection), "both" or "neither". At least one part, which may have no row.
     """
-    sources = as_source(before), as_source(after)
-    counts = [dict(source.recordings()) for source in sources]
-    shared = {name: max(rows, counts[1][name]) for name, rows in counts[0].items() if name in counts[1]}
-    for group in group_recordings(shared) or [[]]:
-        rows = merge_rows(*(_measured(source.read(group, _READ), level) for source in sources), on=OBJECT)
+    for sides in read_pairs(before, after, _READ):
+        rows = merge_rows(*(_measured(side, level) for side in sides), on=OBJECT)
         was, is_now = rows["detected_before"], rows["detected_after"]
         change = np.select([~was & is_now, was & ~is_now, was & is_now], ["gained", "lost", "both"], "neither")
         same = {name: rows[f"{name}_before"] for name in _OF_OBJECT}

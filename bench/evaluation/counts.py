@@ -16,7 +16,6 @@ from bench.records.reference import ReferenceFrame, Status
 from bench.records.segmentation import PAPER_THRESHOLD
 
 Mask = NDArray[np.bool_]
-Window = tuple[slice, slice]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,7 +24,6 @@ class Regions:
 
     Attributes:
         moving: (H, W) bool, all G.
-        window: rows and columns that hold all G; a small part of the image as a rule, and empty without any.
         outside: (H, W) bool, V minus (all G u I).
         detected_px: |D|.
         true: (H, W) bool, D in all G.
@@ -35,7 +33,6 @@ class Regions:
     """
 
     moving: Mask
-    window: Window
     outside: Mask
     detected_px: int
     true: Mask
@@ -116,11 +113,9 @@ def find_regions(reference: ReferenceFrame, detected: Mask) -> Regions:
     mask = detected & reference.valid
     components, component = cv2.connectedComponents(mask.view(np.uint8), connectivity=8, ltype=cv2.CV_32S)
     moving = reference.labels > 0
-    left, top, width, height = cv2.boundingRect(moving.view(np.uint8))
     outside = reference.valid & ~(moving | reference.ignored)
     return Regions(
         moving=moving,
-        window=(slice(top, top + height), slice(left, left + width)),
         outside=outside,
         detected_px=int(np.count_nonzero(mask)),
         true=mask & moving,
@@ -146,9 +141,7 @@ def count_by_cell(mask: Mask, cell_size_px: int) -> NDArray[np.int64]:
     return counts
 
 
-def sum_by_kind(
-    mask: Mask, kinds: NDArray[np.integer], *, cell_size_px: int, bins: int, name: str
-) -> NDArray[np.int64]:
+def sum_by_kind(mask: Mask, kinds: NDArray[np.integer], *, cell_size_px: int, bins: int) -> NDArray[np.int64]:
     """Pixels of a mask by the kind of the cell that they lie in.
 
     Args:
@@ -156,17 +149,12 @@ def sum_by_kind(
         kinds: (rows, columns) integers in [0, bins), of each cell.
         cell_size_px: side of a cell, px.
         bins: how many kinds there are.
-        name: of what the cells hold, for messages.
 
     Returns:
         (bins,) int64.
-
-    Raises:
-        ShapeError: the cells do not tile the image.
     """
     weights = count_by_cell(mask, cell_size_px)
-    if weights.shape != kinds.shape:
-        raise ShapeError(f"expected a {name} of {weights.shape} (rows, columns) cells, got {kinds.shape}")
+    assert weights.shape == kinds.shape, "the cells tile the image"
     # Sums of whole numbers below 2^53 are exact in float64.
     return np.bincount(kinds.ravel(), weights=weights.ravel(), minlength=bins).astype(np.int64)
 
@@ -255,16 +243,13 @@ def count_frame(
 def _overlap(reference: ReferenceFrame, regions: Regions) -> Counts:
     """(components, objects) pixels of each component of D in each G_i."""
     shape = (regions.components, len(reference.objects))
-    true = regions.true[regions.window]
-    component = regions.component[regions.window][true].astype(np.int64)
-    label = reference.labels[regions.window][true]
+    component, label = regions.component[regions.true].astype(np.int64), reference.labels[regions.true]
     return np.bincount(component * shape[1] + label - 1, minlength=shape[0] * shape[1]).reshape(shape)
 
 
 def _region_px(reference: ReferenceFrame, regions: Regions) -> Counts:
     """|G_i|: (objects,)."""
-    inside = reference.labels[regions.window][regions.moving[regions.window]]
-    region_px = np.bincount(inside, minlength=len(reference.objects) + 1)[1:]
+    region_px = np.bincount(reference.labels[regions.moving], minlength=len(reference.objects) + 1)[1:]
     evaluated = np.array([item.status is Status.EVALUATED for item in reference.objects], dtype=bool)
     assert np.array_equal(region_px > 0, evaluated), "exactly the evaluated objects have a region"
     return region_px
@@ -303,13 +288,10 @@ def count_likelihood(
 
     Returns:
         (BINS,) int64 each, pixels of all G by `REFERENCE_COLUMN`, of V outside all G and I by `OUTSIDE_COLUMN`.
-
-    Raises:
-        ShapeError: the cells do not tile the image.
     """
     bins = find_bins(likelihood, SCORE_EDGES if is_score else EDGES)
     return {
-        column: sum_by_kind(region, bins, cell_size_px=cell_size_px, bins=BINS, name="likelihood")
+        column: sum_by_kind(region, bins, cell_size_px=cell_size_px, bins=BINS)
         for column, region in ((REFERENCE_COLUMN, regions.moving), (OUTSIDE_COLUMN, regions.outside))
     }
 

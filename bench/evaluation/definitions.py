@@ -78,6 +78,11 @@ class Definition:
         """Possible differences of two values."""
         return RATIO_CHANGE if self.is_ratio else MEAN_CHANGE
 
+    def value(self, rows: pd.DataFrame) -> float:
+        """The metric of some rows; NaN without cases."""
+        cases = float(self.denominator(rows).sum())
+        return float(self.numerator(rows).sum()) / cases if cases else float("nan")
+
     def improvement(self, difference: float) -> float:
         """A difference, after minus before, as a gain: negative for worse, NaN without a direction."""
         if self.higher_is_better is None:

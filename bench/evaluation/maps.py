@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.evaluation.definitions import coverage, detected
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, Rows, read_parts
+from bench.evaluation.rows import EVALUATED, RowSource, read_parts
 from bench.records.reference import Direction
 
 # The limit is the camera's distance from the nearest return: to the vehicle's origin, and to the middle of a long
@@ -66,11 +66,11 @@ class RangeMaps:
     unplaced: int
 
 
-def range_maps(objects: Rows, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
+def range_maps(objects: RowSource, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
     """Count the evaluated object-frames by class, direction and place, a few recordings in memory at a time.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
+        objects: of `OBJECTS_SCHEMA`, rows in any order.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
         level: coverage from which on an object counts as detected; 0 for any pixel.
 

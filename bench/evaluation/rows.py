@@ -4,18 +4,17 @@ No metric needs rows of two recordings at once. So a run may be larger than the 
 whole recordings.
 
 Methods that need a longer history score fewer images of each recording, and an image may fail for one method only. Runs
-compare on the images that all of them scored: `CommonImages`.
+compare on the images that all of them scored: `RowsOnCommonImages`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN, FrameCounts, ObjectCounts
 
@@ -26,7 +25,7 @@ OBJECT = [*IMAGE, "track_id"]
 EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
 IMAGE_STATUSES = (EVALUATED, "failed", "skipped", NOT_ANNOTATED)
 ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
-_IMAGE_KEY = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
+IMAGE_COLUMNS = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
 
 def _schema(columns: Iterable[tuple[str, pa.DataType]], *, nullable: Set[str]) -> pa.Schema:
@@ -40,26 +39,12 @@ def _schema(columns: Iterable[tuple[str, pa.DataType]], *, nullable: Set[str]) -
 # are NaN, categories, directions and reasons that do not apply are null.
 OBJECTS_SCHEMA = _schema(
     [
-        *_IMAGE_KEY,
-        ("track_id", pa.string()),
-        ("object_class", pa.string()),
-        ("status", pa.string()),
-        ("reason", pa.string()),
-        ("category", pa.string()),
-        ("direction", pa.string()),
-        ("range_m", pa.float64()),
-        ("x_m", pa.float64()),
-        ("y_m", pa.float64()),
-        ("speed_mps", pa.float64()),
-        ("ego_speed_mps", pa.float64()),
-        ("points", pa.int64()),
-        ("polygon_px", pa.int64()),
-        ("region_px", pa.int64()),
+        *IMAGE_COLUMNS,
+        *[(name, pa.string()) for name in ("track_id", "object_class", "status", "reason", "category", "direction")],
+        *[(name, pa.float64()) for name in ("range_m", "x_m", "y_m", "speed_mps", "ego_speed_mps")],
+        *[(name, pa.int64()) for name in ("points", "polygon_px", "region_px")],
         *[(field.name, pa.int64()) for field in fields(ObjectCounts)],
-        ("chance_tp", pa.int64()),
-        ("unknown_px", pa.int64()),
-        ("ceiling_tp", pa.int64()),
-        ("ceiling_fp", pa.int64()),
+        *[(name, pa.int64()) for name in ("chance_tp", "unknown_px", "ceiling_tp", "ceiling_fp")],
     ],
     nullable={"reason", "category", "direction", "chance_tp", "ceiling_tp", "ceiling_fp"},
 )
@@ -71,15 +56,12 @@ FRAME_COUNTS = tuple(field.name for field in fields(FrameCounts))
 # over `bench.evaluation.counts.EDGES` are null unless evaluated and where the method has no likelihood.
 FRAMES_SCHEMA = _schema(
     [
-        *_IMAGE_KEY,
+        *IMAGE_COLUMNS,
         ("ego_speed_mps", pa.float64()),
-        ("status", pa.string()),
-        ("problem", pa.string()),
-        *[(name, pa.int64()) for name in FRAME_COUNTS],
-        ("undefined_px", pa.int64()),
+        *[(name, pa.string()) for name in ("status", "problem")],
+        *[(name, pa.int64()) for name in (*FRAME_COUNTS, "undefined_px")],
         ("fp_by_cause", pa.map_(pa.string(), pa.int64())),
-        (REFERENCE_COLUMN, pa.list_(pa.int64())),
-        (OUTSIDE_COLUMN, pa.list_(pa.int64())),
+        *[(name, pa.list_(pa.int64())) for name in (REFERENCE_COLUMN, OUTSIDE_COLUMN)],
     ],
     nullable={"problem", REFERENCE_COLUMN, OUTSIDE_COLUMN},
 )
@@ -97,10 +79,6 @@ class RowSource(Protocol):
         ...
 
 
-Rows: TypeAlias = pa.Table | RowSource
-JoinHow: TypeAlias = Literal["inner", "outer"]
-
-
 def to_frame(table: pa.Table) -> pd.DataFrame:
     """Rows for pandas; maps are dictionaries, numbers with nulls float64."""
     frame: pd.DataFrame = table.to_pandas(maps_as_pydicts="strict")
@@ -108,73 +86,36 @@ def to_frame(table: pa.Table) -> pd.DataFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TableRows:
-    """A table in memory."""
+class RowsOnCommonImages:
+    """The rows of a run that are of images which several runs scored.
 
-    table: pa.Table
+    Attributes:
+        rows: of the run.
+        frames: rows of `FRAMES_SCHEMA` of each of the runs.
+    """
 
-    def recordings(self) -> dict[str, int]:
-        """Rows of each recording, by name."""
-        return {one["values"]: one["counts"] for one in pc.value_counts(self.table["recording"]).to_pylist()}
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-        """All rows of some recordings, in the order of the table."""
-        wanted = pc.is_in(self.table["recording"], value_set=pa.array(recordings, pa.string()))
-        return to_frame(self.table.select(list(columns)).filter(wanted))
-
-
-def as_source(rows: Rows) -> RowSource:
-    """A table in memory as a source; a source as it is."""
-    return TableRows(rows) if isinstance(rows, pa.Table) else rows
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CommonImages:
-    """The images that all of several runs scored, by the frames of each run."""
-
+    rows: RowSource
     frames: Sequence[RowSource]
 
     def recordings(self) -> dict[str, int]:
-        """Most images that each recording of all runs can have, by name."""
-        first, *others = (rows.recordings() for rows in self.frames)
-        return {name: count for name, count in first.items() if all(name in other for other in others)}
-
-    def of(self, recordings: Sequence[str]) -> pd.DataFrame:
-        """The images of some recordings: columns `IMAGE`."""
-        read = [rows.read(recordings, [*IMAGE, "status"]) for rows in self.frames]
-        first, *others = (rows.loc[rows["status"] == EVALUATED, IMAGE] for rows in read)
-        for other in others:
-            first = merge_rows(first, other, on=IMAGE)[IMAGE]
-        return first
-
-    def count(self) -> int:
-        """Count them, a few recordings at a time."""
-        return sum(len(self.of(names)) for names in group_recordings(self.recordings()))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RowsOnImages:
-    """Those rows of a run that are of some images."""
-
-    source: RowSource
-    images: CommonImages
-
-    def recordings(self) -> dict[str, int]:
-        """Most rows that each recording can have, by name."""
-        common = self.images.recordings()
-        return {name: count for name, count in self.source.recordings().items() if name in common}
+        """Most rows that each recording of all runs can have, by name."""
+        runs = [frames.recordings() for frames in self.frames]
+        return {name: count for name, count in self.rows.recordings().items() if all(name in run for run in runs)}
 
     def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
         """The rows of some recordings."""
-        rows = self.source.read(recordings, list(dict.fromkeys([*columns, *IMAGE])))
-        return merge_rows(rows, self.images.of(recordings), on=IMAGE)[list(columns)]
+        rows = self.rows.read(recordings, list(dict.fromkeys([*columns, *IMAGE])))
+        for frames in self.frames:
+            images = frames.read(recordings, [*IMAGE, "status"])
+            rows = merge_rows(rows, images.loc[images["status"] == EVALUATED, IMAGE], on=IMAGE)
+        return rows[list(columns)]
 
 
-def merge_rows(one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str], how: JoinHow = "inner") -> pd.DataFrame:
-    """Join rows by a key; columns that both have get the suffixes "_before" and "_after", `side` says who has a row."""
+def merge_rows(one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str]) -> pd.DataFrame:
+    """The rows whose key both have; columns that both have get the suffixes "_before" and "_after"."""
     words = {name: object for name in on if name != "timestamp_ns"}  # two empty columns of Arrow's strings do not merge
     sides = one.astype(words), other.astype(words)
-    return sides[0].merge(sides[1], on=list(on), how=how, suffixes=("_before", "_after"), indicator="side")
+    return sides[0].merge(sides[1], on=list(on), suffixes=("_before", "_after"))
 
 
 def group_recordings(counts: Mapping[str, int], *, rows_at_once: int | None = None) -> list[list[str]]:
@@ -190,17 +131,31 @@ def group_recordings(counts: Mapping[str, int], *, rows_at_once: int | None = No
     return groups
 
 
-def read_parts(rows: Rows, columns: Sequence[str], *, rows_at_once: int | None = None) -> Iterator[pd.DataFrame]:
+def read_parts(rows: RowSource, columns: Sequence[str], *, rows_at_once: int | None = None) -> Iterator[pd.DataFrame]:
     """Whole recordings in sorted order, a few at a time; one part without rows where there is none at all.
 
     Args:
-        rows: of a run, in memory or stored.
+        rows: of a run.
         columns: to read.
         rows_at_once: most rows of a part of several recordings; `ROWS_AT_ONCE` without it.
     """
-    source = as_source(rows)
-    for names in group_recordings(source.recordings(), rows_at_once=rows_at_once) or [[]]:
-        yield source.read(names, columns)
+    for names in group_recordings(rows.recordings(), rows_at_once=rows_at_once) or [[]]:
+        yield rows.read(names, columns)
+
+
+def read_pairs(
+    before: RowSource, after: RowSource, columns: Sequence[str]
+) -> Iterator[tuple[pd.DataFrame, pd.DataFrame]]:
+    """The rows of two runs of the recordings that both have, a few at a time; at least one part, maybe without rows."""
+    counts = before.recordings(), after.recordings()
+    shared = {name: max(rows, counts[1][name]) for name, rows in counts[0].items() if name in counts[1]}
+    for names in group_recordings(shared) or [[]]:
+        yield before.read(names, columns), after.read(names, columns)
+
+
+def count_rows(rows: RowSource) -> int:
+    """Count the rows, a few recordings at a time."""
+    return sum(len(part) for part in read_parts(rows, IMAGE))
 
 
 def pick(parts: Iterable[pd.DataFrame], choose: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
@@ -221,13 +176,3 @@ def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:
     """The rows by a key that names each once."""
     assert not rows.duplicated(list(key)).any(), f"{list(key)} names each row once"
     return rows.sort_values(list(key), ignore_index=True)
-
-
-def objects_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
-    """`objects.parquet`; what a row does not have is null."""
-    return pa.Table.from_pylist(list(rows), schema=OBJECTS_SCHEMA)
-
-
-def frames_table(rows: Iterable[Mapping[str, Any]]) -> pa.Table:
-    """`frames.parquet`; what a row does not have is null."""
-    return pa.Table.from_pylist(list(rows), schema=FRAMES_SCHEMA)

@@ -15,13 +15,22 @@ from bench.evaluation.counts import (
     ChanceScorer,
     ObjectCounts,
     Regions,
+    count_by_cell,
     count_frame,
     count_likelihood,
     find_regions,
     sum_by_kind,
 )
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, FRAME_COUNTS, IMAGE, NOT_ANNOTATED, Row, frames_table, objects_table
+from bench.evaluation.rows import (
+    EVALUATED,
+    FRAME_COUNTS,
+    FRAMES_SCHEMA,
+    IMAGE,
+    NOT_ANNOTATED,
+    OBJECTS_SCHEMA,
+    Row,
+)
 from bench.records.reference import ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
 from bench.times import SECOND_NS
@@ -84,11 +93,12 @@ class SequenceScorer:
         self._frames.append(image | outcome | dict.fromkeys(FRAME_COUNTS, 0))
 
     def finish(self) -> tuple[pa.Table, pa.Table]:
-        """End the sequence: the objects table and the frames table."""
+        """End the sequence: `OBJECTS_SCHEMA` and `FRAMES_SCHEMA`; what a row does not have is null."""
         chance_tp = self._chance.finish()
         for row in self._objects:
             row["chance_tp"] = chance_tp.get(row["timestamp_ns"], {}).get(row["track_id"])
-        return objects_table(self._objects), frames_table(self._frames)
+        objects = pa.Table.from_pylist(self._objects, schema=OBJECTS_SCHEMA)
+        return objects, pa.Table.from_pylist(self._frames, schema=FRAMES_SCHEMA)
 
 
 _OF_OBJECT = (
@@ -119,7 +129,7 @@ def _false_px_by_cause(regions: Regions, segmentation: Segmentation) -> dict[str
     if segmentation.cause is None:
         return {}
     causes, cell_size_px = segmentation.causes, segmentation.cell_size_px
-    px = sum_by_kind(regions.false, segmentation.cause, cell_size_px=cell_size_px, bins=len(causes), name="cause")
+    px = sum_by_kind(regions.false, segmentation.cause, cell_size_px=cell_size_px, bins=len(causes))
     return dict(zip(causes, px.tolist(), strict=True))
 
 
@@ -127,5 +137,4 @@ def _undefined_px(valid: NDArray[np.bool_], segmentation: Segmentation) -> int:
     """Pixels of V where the method could not say."""
     if segmentation.undefined is None:
         return 0
-    kinds, name = segmentation.undefined.view(np.uint8), "grid of undefined cells"
-    return int(sum_by_kind(valid, kinds, cell_size_px=segmentation.cell_size_px, bins=2, name=name)[1])
+    return int(count_by_cell(valid, segmentation.cell_size_px)[segmentation.undefined].sum())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any
 
 import pandas as pd
@@ -26,8 +26,8 @@ from bench.evaluation.definitions import (
 )
 from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import IMAGE_STATUSES, Rows
-from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, cameras_of, frame_breakdowns, object_breakdowns, sum_run
+from bench.evaluation.rows import IMAGE_STATUSES
+from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, object_breakdowns
 from bench.records.reference import IgnoreReason, Status
 
 # 0/0 is NaN in memory and null in JSON.
@@ -182,7 +182,6 @@ class Summary(_SummaryModel):
         false_positive_causes: share of the false-positive pixels by the cause that a method names.
         breakdowns: "object_class", "range_m", "speed_mps", "class_and_speed", "ego_speed_mps", "camera", "points" ->
             bin or name -> row; the bins are written "[a, b)", those of a class "pedestrian, [a, b)".
-        false_positive_breakdowns: "ego_speed_mps", "camera" -> bin or name -> row.
         objects: ledger of the annotated objects.
         images: ledger of the images.
         marked: mean share of V that is detected, over the images that are not annotated.
@@ -194,13 +193,9 @@ class Summary(_SummaryModel):
     segmentation: SegmentationMetrics
     false_positive_causes: dict[str, Metric]
     breakdowns: dict[str, dict[str, ObjectMetrics]]
-    false_positive_breakdowns: dict[str, dict[str, FalsePositiveMetrics]]
     objects: ObjectLedger
     images: FrameLedger
     marked: Metric = NO_CASES
-
-
-Ratios = dict[tuple[str, str, str], Metric]  # by breakdown, slice and metric
 
 
 def not_annotated(metrics: Summary) -> str:
@@ -230,83 +225,58 @@ def take_ratio(sums: pd.DataFrame, definition: Definition) -> Metric:
     )
 
 
-def take_ratios(sums: pd.DataFrame) -> Ratios:
-    """Take the metrics of every slice of a table of sums."""
-    known = sums[~sums["metric"].isin(COUNTS)]
-    groups: Iterable[tuple[Any, pd.DataFrame]] = known.groupby(["breakdown", "slice", "metric"], sort=False)
-    return {key: take_ratio(part, find_metric(key[2])) for key, part in groups}
-
-
-def summarise(objects: Rows, frames: Rows, *, protocol: Protocol) -> Summary:
-    """Reduce the tables of a run to its metrics.
-
-    Args:
-        objects: of `OBJECTS_SCHEMA`, rows in any order, in memory or stored.
-        frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
-        protocol: that the run was made with.
-    """
-    return summary_of(sum_run(objects, frames, protocol=protocol), protocol=protocol)
+Key = tuple[str, str, str]  # breakdown, slice and metric
 
 
 def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
     """Take all metrics of a run from its table of sums."""
-    ratios, counts = take_ratios(sums), _counts(sums)
-    cameras = cameras_of(sums)
-    metrics = object_metrics(
+    is_count, key = sums["metric"].isin(COUNTS), ["breakdown", "slice", "metric"]
+    groups: Iterable[tuple[Any, pd.DataFrame]] = sums[~is_count].groupby(key, sort=False)
+    ratios: dict[Key, Metric] = {of: take_ratio(part, find_metric(of[2])) for of, part in groups}
+    counts: dict[Key, int] = sums[is_count].groupby(key)["numerator"].sum().astype(int).to_dict()  # type: ignore[assignment]
+    of_objects = object_metrics(
         protocol.scoring.detection_levels,
         unknown_bands=protocol.reference.unknown_band is not None,
         ceilings=bool((sums["metric"] == CEILINGS[0].name).any()),
     )
 
-    def of_objects(breakdown: str, names: Iterable[str]) -> dict[str, ObjectMetrics]:
-        return {
-            name: ObjectMetrics(
-                object_frames=every.cases,
-                tracks=counts.get((breakdown, name, "tracks"), 0),
-                recordings=every.recordings,
-                **_parts(ratios, breakdown, name, metrics),
-            )
-            for name in names
-            for every in [ratios.get((breakdown, name, EVERY_ROW[OBJECT_FRAMES]), NO_CASES)]
-        }
+    def metrics(breakdown: str, name: str, definitions: Iterable[Definition]) -> dict[str, Metric]:
+        return {m.field: ratios.get((breakdown, name, m.name), NO_CASES) for m in definitions}
 
-    def of_frames(breakdown: str, names: Iterable[str]) -> dict[str, FalsePositiveMetrics]:
-        return {
-            name: FalsePositiveMetrics(
-                frames=every.cases, recordings=every.recordings, **_parts(ratios, breakdown, name, FALSE_POSITIVES)
-            )
-            for name in names
-            for every in [ratios.get((breakdown, name, EVERY_ROW[IMAGE_FRAMES]), NO_CASES)]
-        }
+    def row(breakdown: str, name: str) -> ObjectMetrics:
+        every = ratios.get((breakdown, name, EVERY_ROW[OBJECT_FRAMES]), NO_CASES)
+        tracks = counts.get((breakdown, name, "tracks"), 0)
+        return ObjectMetrics(
+            object_frames=every.cases,
+            tracks=tracks,
+            recordings=every.recordings,
+            **metrics(breakdown, name, of_objects),
+        )
 
-    objects = {name: of_objects(name, slices) for name, (slices, _) in object_breakdowns(protocol, cameras).items()}
-    frames = {name: of_frames(name, slices) for name, (slices, _) in frame_breakdowns(protocol, cameras).items()}
+    breakdowns = object_breakdowns(protocol, _cameras(counts)).items()
+    rows = {breakdown: {name: row(breakdown, name) for name in names} for breakdown, (names, _) in breakdowns}
+    images = ratios.get((FRAMES, FRAMES, EVERY_ROW[IMAGE_FRAMES]), NO_CASES)
+    of_images = metrics(FRAMES, FRAMES, FALSE_POSITIVES)
     causes = sorted(metric.removeprefix(CAUSE) for split, _, metric in ratios if split == FRAMES and CAUSE in metric)
     return Summary(
-        categories=objects.pop(CATEGORY),
-        all_moving=objects.pop(ALL_MOVING)[ALL_MOVING],
-        false_positives=frames.pop(FRAMES)[FRAMES],
-        segmentation=SegmentationMetrics(**_parts(ratios, FRAMES, FRAMES, SEGMENTATION)),
+        categories=rows.pop(CATEGORY),
+        all_moving=rows.pop(ALL_MOVING)[ALL_MOVING],
+        false_positives=FalsePositiveMetrics(frames=images.cases, recordings=images.recordings, **of_images),
+        segmentation=SegmentationMetrics(**metrics(FRAMES, FRAMES, SEGMENTATION)),
         false_positive_causes={name: ratios[FRAMES, FRAMES, cause_metric(name).name] for name in causes},
-        breakdowns=objects,
-        false_positive_breakdowns=frames,
+        breakdowns=rows,
         objects=_object_ledger(counts),
         images=_frame_ledger(counts),
         marked=ratios.get((FRAMES, FRAMES, MARKED.name), NO_CASES),
     )
 
 
-def _parts(ratios: Ratios, breakdown: str, name: str, metrics: Iterable[Definition]) -> dict[str, Metric]:
-    return {m.field: ratios.get((breakdown, name, m.name), NO_CASES) for m in metrics}
+def _cameras(counts: Mapping[Key, int]) -> list[str]:
+    """The cameras of a run, also those without a scored image."""
+    return sorted(name for breakdown, name, metric in counts if (breakdown, metric) == ("camera", "images"))
 
 
-def _counts(sums: pd.DataFrame) -> dict[tuple[str, str, str], int]:
-    counted = sums[sums["metric"].isin(COUNTS)].groupby(["breakdown", "slice", "metric"])["numerator"].sum()
-    found: dict[Any, int] = counted.astype(int).to_dict()
-    return found
-
-
-def _object_ledger(counts: dict[tuple[str, str, str], int]) -> ObjectLedger:
+def _object_ledger(counts: Mapping[Key, int]) -> ObjectLedger:
     status = {one: counts.get(("status", one.value, "annotated"), 0) for one in Status}
     reasons = {one.value: counts.get(("reason", one.value, "annotated"), 0) for one in IgnoreReason}
     return ObjectLedger(
@@ -317,7 +287,7 @@ def _object_ledger(counts: dict[tuple[str, str, str], int]) -> ObjectLedger:
     )
 
 
-def _frame_ledger(counts: dict[tuple[str, str, str], int]) -> FrameLedger:
+def _frame_ledger(counts: Mapping[Key, int]) -> FrameLedger:
     ended = {name: counts.get(("status", name, "images"), 0) for name in IMAGE_STATUSES}
     problems = {name: count for (breakdown, name, _), count in counts.items() if breakdown == "problem"}
     return FrameLedger(images=sum(ended.values()), problems=dict(sorted(problems.items())), **ended)

@@ -41,7 +41,7 @@ from bench.evaluation.rows import (
     NOT_ANNOTATED,
     OBJECT,
     OBJECTS_SCHEMA,
-    Rows,
+    RowSource,
     read_parts,
 )
 
@@ -65,10 +65,6 @@ def name_bins(values: pd.Series[float], edges: Sequence[float]) -> pd.Series[str
 def name_slice(breakdown: str, name: str) -> str:
     """Return the name of a slice among all: "crossing", "all_moving", "range_m=[0, 2)"."""
     return name if breakdown in {CATEGORY, ALL_MOVING, FRAMES} else f"{breakdown}={name}"
-
-
-def _whole(name: str) -> Breakdown:
-    return [name], lambda rows: pd.Series(name, rows.index)
 
 
 def _named(column: str, names: Iterable[str]) -> Breakdown:
@@ -99,7 +95,7 @@ def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[s
     bins = protocol.bins
     return {
         CATEGORY: _named("category", map(str, protocol.reference.categories)),
-        ALL_MOVING: _whole(ALL_MOVING),
+        ALL_MOVING: ([ALL_MOVING], lambda rows: pd.Series(ALL_MOVING, rows.index)),
         "object_class": _named("object_class", protocol.reference.classes),
         "range_m": _binned("range_m", bins.range_m),
         "speed_mps": _binned("speed_mps", bins.speed_mps),
@@ -110,23 +106,12 @@ def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[s
     }
 
 
-def frame_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[str, Breakdown]:
-    """Breakdowns of image-frames; see `object_breakdowns`."""
-    speeds = _binned("ego_speed_mps", protocol.bins.ego_speed_mps)
-    return {FRAMES: _whole(FRAMES), "ego_speed_mps": speeds, "camera": _named("camera", cameras)}
-
-
-def cameras_of(sums: pd.DataFrame) -> list[str]:
-    """The cameras of a run, also those without a scored image."""
-    return sorted(set(sums.loc[(sums["metric"] == "images") & (sums["breakdown"] == "camera"), "slice"]))
-
-
-def sum_run(objects: Rows, frames: Rows, *, protocol: Protocol) -> pd.DataFrame:
+def sum_run(objects: RowSource, frames: RowSource, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce the tables of a run to sums, a few recordings in memory at a time.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`, in memory or stored.
-        frames: of `FRAMES_SCHEMA`, in memory or stored.
+        objects: of `OBJECTS_SCHEMA`.
+        frames: of `FRAMES_SCHEMA`.
         protocol: that the run was made with.
 
     Returns:
@@ -172,7 +157,11 @@ def sum_frames(frames: pd.DataFrame, *, protocol: Protocol) -> pd.DataFrame:
     """Reduce images of whole recordings, `COLUMNS_OF_FRAMES`, to sums that `add_sums` adds to others."""
     assert not frames.duplicated(IMAGE).any(), f"{IMAGE} names each row once"
     rows = frames[frames["status"] == EVALUATED]
-    breakdowns = {name: of(rows) for name, (_, of) in frame_breakdowns(protocol).items()}
+    breakdowns = {
+        FRAMES: pd.Series(FRAMES, rows.index),
+        "ego_speed_mps": name_bins(rows["ego_speed_mps"], protocol.bins.ego_speed_mps),
+        "camera": rows["camera"],
+    }
     metrics = image_metrics(sorted({cause for px in rows["fp_by_cause"] for cause in px}))
     unknown = frames[frames["status"] == NOT_ANNOTATED]
     marked = sum_metrics(unknown, [MARKED], {FRAMES: pd.Series(FRAMES, unknown.index)})
@@ -218,13 +207,9 @@ def _count_tracks(rows: pd.DataFrame, breakdown: str, slices: pd.Series[str]) ->
 
 
 def _count(rows: pd.DataFrame, metric: str, columns: Sequence[str]) -> pd.DataFrame:
-    counts = [
-        rows.groupby([rows[name].rename("slice"), "recording"]).size().rename("numerator").reset_index()
-        for name in columns
-    ]
-    table = pd.concat([one.assign(breakdown=name) for name, one in zip(columns, counts, strict=True)])
-    table = table.astype({"numerator": np.float64}).assign(metric=metric)
-    return table.assign(denominator=table["numerator"])[[*KEY, *TERMS]]
+    long = rows.melt("recording", [*columns], var_name="breakdown", value_name="slice").dropna()
+    counts = long.groupby(["breakdown", "slice", "recording"]).size().astype(np.float64).reset_index(name="numerator")
+    return counts.assign(metric=metric, denominator=counts["numerator"])[[*KEY, *TERMS]]
 
 
 LARGEST = 1e15  # of a sum: the pixels of a billion images; whole numbers up to here are exact

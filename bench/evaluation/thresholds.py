@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.evaluation.counts import BINS, OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
-from bench.evaluation.rows import Rows, read_parts
+from bench.evaluation.rows import RowSource, read_parts
 from bench.evaluation.summary import Metric
 
 IMAGES_AT_ONCE = 4096  # 10 MB of histograms
@@ -39,11 +39,11 @@ class ThresholdSweep:
     false_positive_coverage: NDArray[np.float64]
 
 
-def threshold_sweep(frames: Rows) -> ThresholdSweep | None:
+def threshold_sweep(frames: RowSource) -> ThresholdSweep | None:
     """Take the metrics at every edge, a few recordings in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
+        frames: of `FRAMES_SCHEMA`, rows in any order.
 
     Returns:
         None for a method without a likelihood.
@@ -79,11 +79,11 @@ class ThresholdFreeMetrics(BaseModel):
     images: int
 
 
-def threshold_free_metrics(frames: Rows) -> ThresholdFreeMetrics | None:
+def threshold_free_metrics(frames: RowSource) -> ThresholdFreeMetrics | None:
     """Take the metrics, a few recordings in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored; the histograms null where there is none.
+        frames: of `FRAMES_SCHEMA`, rows in any order; the histograms null where there is none.
 
     Returns:
         None for a method without a likelihood.
@@ -104,11 +104,11 @@ def threshold_free_metrics(frames: Rows) -> ThresholdFreeMetrics | None:
     )
 
 
-def sum_histograms(frames: Rows) -> pd.DataFrame:
+def sum_histograms(frames: RowSource) -> pd.DataFrame:
     """Sum the histograms of the images with a likelihood, a few recordings in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order, in memory or stored.
+        frames: of `FRAMES_SCHEMA`, rows in any order.
 
     Returns:
         One row for each recording and area of its images, index `recording` and `area_px`: `images`, and the sums of

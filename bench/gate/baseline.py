@@ -47,8 +47,8 @@ def read_run_sums(run: Path) -> RunSums:
         UsageError: its data are not annotated.
     """
     stored = read_run(run)
-    refuse_unscored(stored.summary, run)
     summary = stored.summary
+    refuse_unscored(summary, run)
     return RunSums(manifest=stored.manifest, sums=stored.sums, failures=summary.failures, unreviewed=summary.unreviewed)
 
 

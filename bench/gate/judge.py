@@ -7,7 +7,7 @@ comparison (`compare_pairs`), a row for each slice and metric, to which the tole
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -68,105 +68,78 @@ def judge(baseline: RunSums, run: RunSums, *, tolerances: Tolerances) -> Verdict
                 "not compare; score as the baseline was, name another with --baseline, or replace it with --update"
             )
     pairs = pair_sums(baseline.sums, run.sums)
-    compared = compare_pairs(pairs)
+    rows = judge_changes(compare_pairs(pairs), tolerances=tolerances, worst=worst_recordings(pairs))
+    void = void_rules(tolerances, ((row.slice_name, row.metric) for row in rows))
+    notes = {"annotations": run.unreviewed, "tolerances": f"rules of no row: {listed(void)}" if void else ""}
+    noted = [Check(name=name, outcome=Outcome.SUSPECT, message=text) for name, text in notes.items() if text]
     return Verdict(
         baseline=baseline.manifest,
         run=run.manifest,
         tolerances=tolerances.title,
         changes=changes(found),
-        checks=data_checks(run, found, pairs, compared, tolerances=tolerances),
-        rows=judge_changes(compared, tolerances=tolerances, worst=worst_recordings(pairs)),
+        checks=(*data_checks(run, found, pairs, rendered=tolerances.changed_data == "report"), *noted),
+        rows=rows,
     )
 
 
 def data_checks(
-    run: RunSums, found: Sequence[Difference], pairs: pd.DataFrame, changes: pd.DataFrame, *, tolerances: Tolerances
-) -> tuple[Check, ...]:
-    """Check run against baseline, the same checks in the order of cause and effect.
+    run: RunSums, found: Sequence[Difference], pairs: pd.DataFrame, *, rendered: bool
+) -> tuple[Check, Check, Check]:
+    """Check that run and baseline measured the same things: failures, data and reference, as cause and effect.
 
     Args:
         run: the newer one.
         found: in what its manifest differs from that of the baseline.
         pairs: sums of both, as `pair_sums` gives them.
-        changes: of the metrics, as `compare_pairs` gives them.
-        tolerances: the rules.
-
-    Returns:
-        Always the same checks, one more where nobody reviewed the annotations, and one where rules apply to nothing.
+        rendered: other data are only reported, and a reference that differs as little as between two processors.
     """
-    other_data, other_reference, method = (
-        [difference.text for difference in found if difference.aspect in aspects]
-        for aspects in ((Aspect.DATA,), (Aspect.REFERENCE,), (Aspect.METHOD, Aspect.SETTINGS, Aspect.METHOD_CODE))
+    data, digests = (
+        [difference.text for difference in found if difference.aspect is aspect]
+        for aspect in (Aspect.DATA, Aspect.REFERENCE)
     )
-    rendered = tolerances.changed_data == "report"
-    if rendered and other_data and other_reference and (small := small_difference(pairs)):
-        other_reference, of_reference = [small], Outcome.SUSPECT
-    else:
-        of_reference = Outcome.FAILED
-    data, reference = "data changed: other images, sweeps, labels, calibration or ego-motion", "reference changed"
-    checks = [
-        _check("failures", run.failures, f"the run has {len(run.failures)} failures"),
-        _check("data_digest", other_data, data, Outcome.SUSPECT if rendered else Outcome.FAILED, between="; "),
-        _check("reference_digest", other_reference, reference, of_reference),
-        _check("counts", [*_count_differences(pairs)], reference, of_reference),
-        _check("cases", [*_case_differences(changes)], "metrics are over other cases", of_reference),
-        _check("metrics", [*_missing(changes)], "in the baseline, but not in the run", of_reference),
-        _check("method", method, "method changed", Outcome.SUSPECT),
-    ]
-    if run.unreviewed:
-        checks.append(Check(name="annotations", outcome=Outcome.SUSPECT, message=run.unreviewed))
-    if void := void_rules(tolerances, ((row["slice_name"], row["metric"]) for row in _records(changes))):
-        checks.append(Check(name="tolerances", outcome=Outcome.SUSPECT, message=f"rules of no row: {listed(void)}"))
-    return tuple(checks)
+    small = small_difference(pairs) if rendered and data and digests else ""
+    reference = [small] if small else [*digests, *reference_differences(pairs)]
+    other_data = "data changed: other images, sweeps, labels, calibration or ego-motion; "
+    return (
+        _check("failures", run.failures, f"the run has {len(run.failures)} failures: "),
+        _check("data", data, other_data, Outcome.SUSPECT if rendered else Outcome.FAILED),
+        _check("reference", reference, "reference changed: ", Outcome.SUSPECT if small else Outcome.FAILED),
+    )
 
 
-def _check(
-    name: str, faults: Sequence[str], what: str, outcome: Outcome = Outcome.FAILED, *, between: str = ": "
-) -> Check:
+def _check(name: str, faults: Sequence[str], lead: str, outcome: Outcome = Outcome.FAILED) -> Check:
     if not faults:
         return Check(name=name, outcome=Outcome.PASSED, message="as in the baseline")
     more = [f"and {len(faults) - LISTED} more"] if len(faults) > LISTED else []
-    return Check(name=name, outcome=outcome, message=f"{what}{between}{'; '.join([*faults[:LISTED], *more])}")
+    return Check(name=name, outcome=outcome, message=f"{lead}{'; '.join([*faults[:LISTED], *more])}")
 
 
-def _count_differences(pairs: pd.DataFrame) -> Iterator[str]:
+def reference_differences(pairs: pd.DataFrame) -> list[str]:
     """For example "4 object-frames fewer in all_moving (12, were 16)"; the slices of everything first.
 
-    Of the numbers that the reference alone decides: objects by slice and by status, images by status.
+    Of the numbers that the reference alone decides: objects by slice and by status, images by status; where these are
+    the same, cases of the metrics.
+
+    Args:
+        pairs: sums of both runs, as `pair_sums` gives them.
     """
-    terms = [f"{term}{side}" for term in TERMS for side in SIDES]
-    of_all = pairs["breakdown"].isin([ALL_MOVING, STATUS])
-    decided = (pairs["metric"] == "tracks") | ((pairs["breakdown"] == STATUS) & pairs["metric"].isin(COUNTS))
-    chosen = [pairs[decided & of_all], pairs[decided & ~of_all]]
-    for row in [row for part in chosen for row in _records(part.groupby(SLICE)[terms].sum().astype(int))]:
-        for unit, term in _UNITS[row["metric"]]:
+    totals = pairs.groupby(SLICE)[[f"{term}{side}" for term in TERMS for side in SIDES]].sum().astype(int).reset_index()
+    metric, of_status = totals["metric"], totals["breakdown"] == STATUS
+    counted = (metric == "tracks") | (metric.isin(COUNTS) & of_status)
+    of_all = of_status | (totals["breakdown"] == ALL_MOVING)
+    metrics = map(find_metric, {*metric} - {*COUNTS})
+    fixed = [m.name for m in metrics if m.higher_is_better is not None and not m.cases_by_method]
+    counts = [*_differing(totals[counted & of_all]), *_differing(totals[counted & ~of_all])]
+    return counts or [*_differing(totals[metric.isin(fixed)])]
+
+
+def _differing(totals: pd.DataFrame) -> Iterator[str]:
+    for row in totals.to_dict("records"):
+        for unit, term in _UNITS.get(row["metric"], ((f"cases of {row['metric']}", TERMS[1]),)):
             was, now = (row[f"{term}{side}"] for side in SIDES)
             if was != now:
-                yield _difference(unit, name_slice(row["breakdown"], row["slice"]), was, now)
-
-
-def _case_differences(changes: pd.DataFrame) -> Iterator[str]:
-    for row in _records(changes[(changes["side"] == "both") & ~changes["same_cases"]]):
-        metric, called, was, now = row["metric"], row["slice_name"], row["cases_before"], row["cases_after"]
-        if find_metric(metric).cases_by_method:
-            continue
-        if was == now:
-            yield f"{metric} of {called}: {was} cases, spread otherwise over the recordings"
-        else:
-            yield f"{metric}: {_difference('cases', called, was, now)}"
-
-
-def _missing(changes: pd.DataFrame) -> Iterator[str]:
-    for row in _records(changes[changes["side"] == "left_only"]):
-        yield f"{row['metric']} of {row['slice_name']}"
-
-
-def _records(changes: pd.DataFrame) -> list[dict[Any, Any]]:
-    return changes.reset_index().to_dict("records")
-
-
-def _difference(unit: str, slice_name: str, was: int, now: int) -> str:
-    return f"{abs(now - was)} {unit} {'fewer' if now < was else 'more'} in {slice_name} ({now}, were {was})"
+                more, where = "fewer" if now < was else "more", name_slice(row["breakdown"], row["slice"])
+                yield f"{abs(now - was)} {unit} {more} in {where} ({now}, were {was})"
 
 
 def small_difference(pairs: pd.DataFrame) -> str:
@@ -203,11 +176,14 @@ def worst_recordings(pairs: pd.DataFrame) -> dict[Any, tuple[RecordingChange, ..
         pairs: sums of both runs, as `pair_sums` gives them.
     """
     found = improvements_by_recording(pairs)
-    worst: dict[Any, tuple[RecordingChange, ...]] = {}
-    for row in found[found["improvement"] < 0].groupby(SLICE).head(WORST).to_dict("records"):
-        change = RecordingChange(name=row["recording"], before=row["before"], after=row["after"])
-        worst[_key(row)] = (*worst.get(_key(row), ()), change)
-    return worst
+    groups: Iterable[tuple[Any, pd.DataFrame]] = found[found["improvement"] < 0].groupby(SLICE)
+    return {
+        key: tuple(
+            RecordingChange(recording=row["recording"], before=row["before"], after=row["after"])
+            for row in part.head(WORST).to_dict("records")
+        )
+        for key, part in groups
+    }
 
 
 def judge_changes(
@@ -220,15 +196,11 @@ def judge_changes(
         tolerances: the rules.
         worst: as `worst_recordings` gives them; a row that is not there got worse in none.
     """
-    rows = [_with_rule(row, tolerances) for row in _records(changes)]
+    rows = [_with_rule(row, tolerances) for row in changes.reset_index().to_dict("records")]
     for row, p_holm in zip(rows, holm([row["p_of_loss"] for row in rows]), strict=True):
-        row["p_holm"], row["worst_recordings"] = p_holm, worst.get(_key(row), ())
+        row["p_holm"], row["worst_recordings"] = p_holm, worst.get(tuple(row[name] for name in SLICE), ())
         row["outcome"], row["reason"] = _judge_row(row, tolerances)
     return tuple(Row(**{field.name: row[field.name] for field in fields(Row)}) for row in rows)
-
-
-def _key(row: Mapping[Any, Any]) -> tuple[Any, ...]:
-    return tuple(row[name] for name in SLICE)
 
 
 def _with_rule(row: dict[Any, Any], tolerances: Tolerances) -> dict[Any, Any]:
@@ -245,22 +217,30 @@ def _with_rule(row: dict[Any, Any], tolerances: Tolerances) -> dict[Any, Any]:
 
 def _p_of_loss(row: Mapping[Any, Any]) -> float | None:
     """One-sided: of no loss against a loss, since no gain fails."""
-    p_value: float | None = row["p_value"]
-    if p_value is None:
-        return None
-    return p_value / 2 if row["improvement"] < 0 else 1 - p_value / 2
+    half = None if row["p_value"] is None else row["p_value"] / 2
+    return half if half is None or row["improvement"] < 0 else 1 - half
 
 
 def _judge_row(row: Mapping[Any, Any], tolerances: Tolerances) -> tuple[Outcome, str]:
     """The outcome of a row that has a rule, and its reason where there is one."""
     if row["reason"]:
         return Outcome.NOT_JUDGED, row["reason"]
-    if row["worsening"] > row["allowed"] + ROUNDING:
-        reason = _why_suspect(row)
-        certain = not reason or (row["p_holm"] is not None and tolerances.suspect == "fail")
-        return (Outcome.FAILED if certain else Outcome.SUSPECT), reason
-    improved = row["worsening"] < -row["allowed"] - ROUNDING and excludes_no_change(row["ci95"])
-    return (Outcome.IMPROVED if improved else Outcome.PASSED), ""
+    p_holm, beyond_chance = row["p_holm"], excludes_no_change(row["ci95"])
+    worse = row["worsening"] > row["allowed"] + ROUNDING
+    if not worse:
+        improved = row["worsening"] < -row["allowed"] - ROUNDING and beyond_chance
+        return (Outcome.IMPROVED if improved else Outcome.PASSED), ""
+    if not beyond_chance:
+        reason = "worse than tolerated, but the interval includes no change"
+    elif p_holm is None:
+        reason = "worse than tolerated, but this row decides nothing"
+    elif p_holm > SIGNIFICANCE:
+        so_many = "worse than tolerated, but among so many metrics it may be chance"
+        reason = f"{so_many}: p = {p_holm:.2f}, corrected after Holm"
+    else:
+        return Outcome.FAILED, ""
+    strict = p_holm is not None and tolerances.suspect == "fail"
+    return (Outcome.FAILED if strict else Outcome.SUSPECT), reason
 
 
 def judgeable(run: RunSums, *, tolerances: Tolerances) -> str:
@@ -271,17 +251,6 @@ def judgeable(run: RunSums, *, tolerances: Tolerances) -> str:
     if judged or not rows:
         return told
     return f"{told}: {max(rows, key=lambda row: (row.allowed >= 0, row.cases_before)).reason}"
-
-
-def _why_suspect(row: Mapping[Any, Any]) -> str:
-    """Reason that a loss beyond what is tolerated may be chance, or decides nothing; "" where it is neither."""
-    p_holm = row["p_holm"]
-    if not excludes_no_change(row["ci95"]):
-        return "worse than tolerated, but the interval includes no change"
-    if p_holm is None:
-        return "worse than tolerated, but this row decides nothing"
-    chance = f"worse than tolerated, but among so many metrics it may be chance: p = {p_holm:.2f}, corrected after Holm"
-    return "" if p_holm <= SIGNIFICANCE else chance
 
 
 def _why_not_judged(row: Mapping[Any, Any], tolerances: Tolerances) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Literal
@@ -26,13 +25,11 @@ def _metric(name: str) -> str:
         raise ValueError(f"a metric: {error}") from error
 
 
-NotNegative = Annotated[float, Field(ge=0)]
 MetricName = Annotated[str, AfterValidator(_metric)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
-    """Largest loss of a metric of a slice that is tolerated.
+class Tolerance(FileModel):
+    """Largest loss of a metric of a slice that is tolerated. What a file leaves out stays as it was.
 
     Attributes:
         absolute: in the metric's own unit, 0.01 for one percentage point of a ratio.
@@ -40,34 +37,26 @@ class Tolerance:
         decides: whether the gate fails by it; of others a loss is only reported.
     """
 
-    absolute: float
-    relative: float
-    decides: bool
-
-    def allowed(self, baseline: float) -> float:
-        """The largest change for the worse that is tolerated."""
-        return max(self.absolute, self.relative * abs(baseline))
-
-
-class Override(FileModel):
-    """Change of a tolerance by a file, see `Tolerance`; null leaves what is there."""
-
-    absolute: NotNegative | None = None
+    absolute: Annotated[float, Field(ge=0)] | None = None
     relative: Annotated[float, Field(ge=0, lt=1)] | None = None
     decides: bool | None = None
 
+    def allowed(self, baseline: float) -> float:
+        """The largest change for the worse that is tolerated."""
+        return max(self.absolute or 0.0, (self.relative or 0.0) * abs(baseline))
 
-def _can_fail(overrides: dict[str, Override]) -> dict[str, Override]:
+
+def _can_fail(tolerances: dict[str, Tolerance]) -> dict[str, Tolerance]:
     """Refuse a tolerance that nothing can exceed: a ratio is in [0, 1], so that 0.01 is a percentage point."""
-    for name, own in overrides.items():
-        if find_metric(name).is_ratio and own.absolute is not None and own.absolute >= 1:
+    for name, own in tolerances.items():
+        if find_metric(name).is_ratio and (own.absolute or 0.0) >= 1:
             raise ValueError(
                 f"{name}: absolute: a share below 1, as 0.05 for five points; {own.absolute:g} never fails"
             )
-    return overrides
+    return tolerances
 
 
-Overrides = Annotated[dict[MetricName, Override], AfterValidator(_can_fail)]
+ByMetric = Annotated[dict[MetricName, Tolerance], AfterValidator(_can_fail)]
 
 
 class Tolerances(FileModel):
@@ -91,8 +80,8 @@ class Tolerances(FileModel):
     suspect: Literal["fail", "report"]
     min_cases: Annotated[int, Field(ge=1)]
     min_recordings: Annotated[int, Field(ge=FEWEST_RECORDINGS)]
-    metrics: Overrides = Field(default_factory=dict)
-    slices: dict[str, Overrides] = Field(default_factory=dict)
+    metrics: ByMetric = Field(default_factory=dict)
+    slices: dict[str, ByMetric] = Field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -107,13 +96,13 @@ class Tolerances(FileModel):
         """
         definition = find_metric(metric)
         fitting = [own for pattern, own in self.slices.items() if _fits(slice_name, pattern)]
-        stated = [own[metric].model_dump(exclude_none=True) for own in (self.metrics, *fitting) if metric in own]
+        stated = [own[metric] for own in (self.metrics, *fitting) if metric in own]
         if definition.tolerated is None and not stated:
             return None
         absolute, relative = definition.tolerated or (0.0, 0.0)
         rule = Tolerance(absolute=absolute, relative=relative, decides=definition.headline and "=" not in slice_name)
         for own in stated:
-            rule = replace(rule, **own)
+            rule = rule.model_copy(update=own.model_dump(exclude_none=True))
         return rule
 
 

@@ -23,7 +23,6 @@ NOTHING_JUDGED = (
     "nothing was judged; a verdict needs metrics that decide, with cases in enough recordings, in baseline and run"
 )
 OF_ITSELF = ("method", "settings", "protocol", "code", "data", "reference")  # what may change, in the order of telling
-NOTED = ("reference_digest", "annotations", "tolerances")  # checks that are told where they fail nothing
 _TOLD_AS = {Aspect.METHOD_CODE: "code", Aspect.INPUT_ERRORS: "data"}
 
 
@@ -64,12 +63,12 @@ class RecordingChange:
     """A metric of one slice in one recording.
 
     Attributes:
-        name: of the recording.
+        recording: its name.
         before: in the baseline.
         after: in the run.
     """
 
-    name: str
+    recording: str
     before: float
     after: float
 
@@ -97,11 +96,6 @@ class Row(PairedChange):
     worsening: float
     allowed: float
     worst_recordings: tuple[RecordingChange, ...]
-
-    @property
-    def worst_recording(self) -> str | None:
-        """The recording that contributes most to the worsening."""
-        return self.worst_recordings[0].name if self.worst_recordings else None
 
     @property
     def severity(self) -> float:
@@ -255,7 +249,7 @@ def row_text(row: Row) -> str:
 def worst_text(row: Row) -> str:
     """Recording that most of a loss comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
     worse = row.outcome in {Outcome.FAILED, Outcome.SUSPECT}
-    return f"most in {row.worst_recording}" if worse and row.worst_recording is not None else ""
+    return f"most in {row.worst_recordings[0].recording}" if worse and row.worst_recordings else ""
 
 
 NOTABLE = (Outcome.FAILED, Outcome.SUSPECT, Outcome.IMPROVED)
@@ -274,9 +268,9 @@ def overall_rows(verdict: Verdict) -> list[Row]:
 
 def main_rows(verdict: Verdict) -> list[Row]:
     """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
-    shown = {(row.slice_name, row.metric) for row in overall_rows(verdict)}
-    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome) if not is_overlapping(row)]
-    return [row for row in rows if (row.slice_name, row.metric) not in shown]
+    overall = overall_rows(verdict)
+    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome)]
+    return [row for row in rows if row not in overall and not is_overlapping(row)]
 
 
 def folded_lines(verdict: Verdict) -> list[str]:
@@ -311,8 +305,8 @@ def change_lines(verdict: Verdict) -> list[str]:
     already, then what did not; none where the two were not compared."""
     if verdict.refusal:
         return []
-    told = {check.name.removesuffix("_digest") for check in verdict.failed_checks}
-    suspect = [check for check in verdict.checks if check.outcome is Outcome.SUSPECT and check.name in NOTED]
+    told = {check.name for check in verdict.failed_checks}
+    suspect = [check for check in verdict.checks if check.outcome is Outcome.SUSPECT and check.name != "data"]
     return [
         *(f"changed: {what}: {text}" for what, text in verdict.changes.items() if what not in told),
         *(f"note: {check.message}" for check in suspect),
@@ -328,7 +322,7 @@ def worst_line(verdict: Verdict) -> str:
             if worse:
                 worst = max(worse, key=lambda row: row.severity)
                 parts = [
-                    f"{own.name} {value_text(worst.metric, own.before)} -> {value_text(worst.metric, own.after)}"
+                    f"{own.recording} {value_text(worst.metric, own.before)} -> {value_text(worst.metric, own.after)}"
                     for own in worst.worst_recordings
                 ]
                 return f"most of {worst.metric} of {worst.slice_name} is lost in: {'; '.join(parts)}"

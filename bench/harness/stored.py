@@ -44,7 +44,7 @@ from bench.evaluation import (
     threshold_free_metrics,
 )
 from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
-from bench.evaluation.rows import IMAGE, CommonImages, Rows, RowsOnImages, RowSource, read_parts, sort_rows
+from bench.evaluation.rows import IMAGE, RowsOnCommonImages, RowSource, read_parts, sort_rows
 from bench.execution import largest_resident_mb
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COUNTS, open_tables
@@ -168,7 +168,7 @@ def failed_images(frames: RowSource) -> list[str]:
     return failed
 
 
-def reference_digest(objects: Rows, frames: Rows) -> str:
+def reference_digest(objects: RowSource, frames: RowSource) -> str:
     """SHA-256 over the columns that the method has no part in, some recordings in memory at a time."""
     digest = hashlib.sha256()
     for rows, whole, columns, key in (
@@ -186,7 +186,8 @@ def reference_digest(objects: Rows, frames: Rows) -> str:
 class StoredRun:
     """A run on disk: its small files as they were read, its tables as they are asked for.
 
-    It may be of some images only: objects, frames, sums and metrics are then of these, the summary is of the whole run.
+    It may be of the images only that it has in common with other runs: objects, frames, sums and metrics are then of
+    these, the summary is of the whole run.
 
     Attributes:
         folder: of the run.
@@ -194,7 +195,7 @@ class StoredRun:
         manifest: what the run is.
         summary: its metrics, and how they came about.
         protocol: its rules.
-        images: which; None for all of the run.
+        common: frames of the runs whose common images it is of; empty for all of its own.
     """
 
     folder: Path
@@ -202,31 +203,31 @@ class StoredRun:
     manifest: Manifest
     summary: RunSummary
     protocol: Protocol
-    images: CommonImages | None = None
+    common: Sequence[RowSource] = ()
 
     @cached_property
     def objects(self) -> RowSource:
         """Rows of `OBJECTS_SCHEMA`, on disk."""
         rows = open_tables(self.folder)[0]
-        return rows if self.images is None else RowsOnImages(rows, self.images)
+        return RowsOnCommonImages(rows, self.common) if self.common else rows
 
     @cached_property
     def frames(self) -> RowSource:
         """Rows of `FRAMES_SCHEMA`, on disk."""
         rows = open_tables(self.folder)[1]
-        return rows if self.images is None else RowsOnImages(rows, self.images)
+        return RowsOnCommonImages(rows, self.common) if self.common else rows
 
     @cached_property
     def sums(self) -> pd.DataFrame:
         """Table of sums: as it is stored, or of the rows that were chosen."""
-        if self.images is None:
+        if not self.common:
             return read_sums(self.folder / SUMS)
         return sum_run(self.objects, self.frames, protocol=self.protocol)
 
     @cached_property
     def metrics(self) -> Summary:
         """Metrics of these rows; the summary itself for all of them."""
-        return self.summary if self.images is None else summary_of(self.sums, protocol=self.protocol)
+        return summary_of(self.sums, protocol=self.protocol) if self.common else self.summary
 
     @property
     def answers(self) -> Path:

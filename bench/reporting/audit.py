@@ -31,7 +31,7 @@ from bench.audit import (
     explain_image,
 )
 from bench.evaluation import Metric, Protocol, find_metric
-from bench.methods import Method
+from bench.methods import FlowMethod
 from bench.reporting import figures
 from bench.reporting.document import Block, Column, Heading, Paragraph, Table, to_markdown
 from bench.reporting.formats import INTERVALS, LABELS, hundredths, short_interval
@@ -243,7 +243,7 @@ def write_cause_pictures(
     misses: pa.Table,
     *,
     sources: Mapping[str, AuditSource],
-    method: Method,
+    method: FlowMethod,
     protocol: Protocol,
 ) -> tuple[Path, ...]:
     """Write `causes-<category>.png` and `.svg` for every kind of motion that has missed cells.

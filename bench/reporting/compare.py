@@ -27,7 +27,7 @@ from bench.evaluation import changes_in_parts, compare_sums, find_metric, headli
 from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
 from bench.evaluation.definitions import false_share, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import EVALUATED, IMAGE, CommonImages, group_recordings, merge_rows, pick
+from bench.evaluation.rows import EVALUATED, IMAGE, count_rows, merge_rows, pick, read_pairs
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.execution import Progress
 from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
@@ -78,7 +78,7 @@ LEAST_COMMON = 0.5
 
 def reference_of(run: StoredRun) -> str:
     """Digest of the reference of a run, on all its images or on those that were chosen."""
-    return str(run.manifest.reference) if run.images is None else reference_digest(run.objects, run.frames)
+    return reference_digest(run.objects, run.frames) if run.common else str(run.manifest.reference)
 
 
 def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
@@ -87,8 +87,7 @@ def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
     Runs of the same reference scored the same images, and stay as they are.
     """
     frames = {reference_of(run): run.frames for run in runs}
-    images = CommonImages(list(frames.values())) if len(frames) > 1 else None
-    return [replace(run, images=images) for run in runs]
+    return [replace(run, common=[*frames.values()]) if len(frames) > 1 else run for run in runs]
 
 
 def in_one_table(runs: Sequence[StoredRun], other: StoredRun) -> bool:
@@ -97,8 +96,7 @@ def in_one_table(runs: Sequence[StoredRun], other: StoredRun) -> bool:
         return True
     first, *_, last = on_common_images([*runs, other])
     scored = max(run.summary.images.evaluated for run in (*runs, other))
-    enough = first.images is not None and first.images.count() >= max(LEAST_COMMON * scored, 1)
-    return enough and reference_of(first) == reference_of(last)
+    return count_rows(first.frames) >= max(LEAST_COMMON * scored, 1) and reference_of(first) == reference_of(last)
 
 
 def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun]:
@@ -111,8 +109,8 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
     for run in (before, after):
         refuse_unscored(run.summary, run.folder)
     first, second = on_common_images([before, after])
-    if first.images is not None:
-        refused, common = f"{before.folder} and {after.folder} do not compare: ", first.images.count()
+    if first.common:
+        refused, common = f"{before.folder} and {after.folder} do not compare: ", count_rows(first.frames)
         if not common:
             scored = [run.summary.images.evaluated for run in (before, after)]
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
@@ -255,15 +253,13 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
 
 def changed_images(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     """The image with most more and the one with most fewer false positives; none where nothing changed."""
-    counts = [run.frames.recordings() for run in (before, after)]
 
-    def shares(run: StoredRun, recordings: Sequence[str]) -> pd.DataFrame:
-        frames = run.frames.read(recordings, [*IMAGE, "status", "width", "height", "fp_px"])
+    def shares(frames: pd.DataFrame) -> pd.DataFrame:
         return frames[frames["status"] == EVALUATED].assign(share=false_share)[[*IMAGE, "share"]]
 
     def parts() -> Iterator[pd.DataFrame]:
-        for group in group_recordings({name: rows for name, rows in counts[0].items() if name in counts[1]}) or [[]]:
-            rows = merge_rows(shares(before, group), shares(after, group), on=IMAGE)
+        for sides in read_pairs(before.frames, after.frames, [*IMAGE, "status", "width", "height", "fp_px"]):
+            rows = merge_rows(*map(shares, sides), on=IMAGE)
             rows = rows.sort_values(IMAGE, ignore_index=True)
             change = rows["share_after"] - rows["share_before"]
             yield _of_kinds(rows, {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}, size=change.abs())

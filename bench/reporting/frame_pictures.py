@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from bench.atomic import refuse_foreign, replacing, write_bytes
 from bench.cameras import ray_grid
 from bench.errors import BenchError, OutputError, UsageError
-from bench.evaluation import Rows
+from bench.evaluation import RowSource
 from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
 from bench.execution import Progress
 from bench.harness import FramePipeline, ProcessedFrame
@@ -120,7 +120,7 @@ def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 
 
-def example_frames(objects: Rows) -> dict[Category, ImageKey]:
+def example_frames(objects: RowSource) -> dict[Category, ImageKey]:
     """For every category the frame in which an object of it fills most pixels.
 
     Args:

@@ -19,7 +19,7 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.atomic import write_output
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Rows, find_metric, published
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, find_metric, published
 from bench.evaluation.definitions import IMAGE_FRAMES, coverage, false_share, intersection_over_union
 from bench.evaluation.protocol import known_protocols
 from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, read_parts, sort_rows
@@ -158,7 +158,7 @@ def _missing(problem: str) -> Paragraph:
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 
 
-def worst_objects(objects: Rows, *, most: int) -> list[Row]:
+def worst_objects(objects: RowSource, *, most: int) -> list[Row]:
     """Of each category the evaluated object-frames with the lowest coverage, one of each track, of equals the largest.
 
     Returns:
@@ -172,7 +172,7 @@ def worst_objects(objects: Rows, *, most: int) -> list[Row]:
     return _scored(objects, OBJECTS_SCHEMA, OBJECT, coverage, first)
 
 
-def worst_frames(frames: Rows, *, most: int) -> list[Row]:
+def worst_frames(frames: RowSource, *, most: int) -> list[Row]:
     """The scored images with the largest false-positive coverage, one of each recording and camera.
 
     Returns:
@@ -187,7 +187,7 @@ def worst_frames(frames: Rows, *, most: int) -> list[Row]:
 
 
 def _scored(
-    source: Rows,
+    source: RowSource,
     schema: pa.Schema,
     key: Sequence[str],
     measure: Callable[[pd.DataFrame], pd.Series[float]],

@@ -248,8 +248,7 @@ def to_json(verdict: Verdict) -> str:
 
 def _json_row(row: Row) -> dict[str, object]:
     own = asdict(row)
-    return {"slice": own.pop("slice_name"), "difference_ci95": own.pop("ci95"), **own,
-            "worst_recording": row.worst_recording}  # fmt: skip
+    return {"slice": own.pop("slice_name"), "difference_ci95": own.pop("ci95"), **own}
 
 
 def write_verdict(verdict: Verdict, *, junit: str | Path | None = None, json: str | Path | None = None) -> None:

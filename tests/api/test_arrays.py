@@ -27,7 +27,7 @@ def test_every_form_of_a_reference_counts_the_same(reference):
     assert score.tpr == score.metrics["tpr_all"] == 0.5
     assert score.iou == score.metrics["iou_detected"] == 8 / 18
     assert score.false_positives == 2 / 200
-    assert score.metrics["pixel_precision"] == 0.8
+    assert score.metrics["precision"] == 0.8
     assert score.metrics["detection_rate_50"] == 1.0
 
 

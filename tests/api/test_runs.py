@@ -48,7 +48,7 @@ def test_scores_of_single_frames_add_up_to_the_run(run, tiny_card):
     for name in ("detection_rate", "detection_rate_10", "tpr", "tpr_all", "iou", "iou_detected"):
         assert total.metrics[name] == pytest.approx(run.metrics.loc["all_moving", name], rel=1e-12)
     assert total.false_positives == pytest.approx(run.false_positives, rel=1e-12)
-    assert total.metrics["pixel_recall"] == run.summary.segmentation.recall.value
+    assert total.metrics["recall"] == run.summary.segmentation.recall.value
     assert sorted(total.objects["iou"]) == sorted(
         (rows := run.objects.query("status == 'evaluated'"))["tp"] / (rows["tp"] + rows["fp"] + rows["fn"])
     )

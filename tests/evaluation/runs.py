@@ -10,12 +10,15 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, load_protocol, sum_run
+from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, Summary, load_protocol, sum_run
+from bench.evaluation.rows import FRAME_COUNTS, IMAGE
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
-from tests.support.result_rows import NO_COUNTS
+from tests.support.result_rows import NO_COUNTS, TableRows, summarise
 
 PAPER = load_protocol("paper-v1")
+COUNTS = (*FRAME_COUNTS, "undefined_px")
+PLACES = {"range_m": (0, 8), "x_m": (-8, 11), "y_m": (-8, 8), "speed_mps": (0, 5)}
 
 
 def scored(
@@ -28,15 +31,20 @@ def scored(
     return scorer.finish()
 
 
+def summary_of(tables: tuple[pa.Table, pa.Table]) -> Summary:
+    return summarise(*tables, protocol=PAPER)
+
+
 def joined(tables: Sequence[tuple[pa.Table, pa.Table]]) -> tuple[pa.Table, pa.Table]:
     """The tables of several sequences as one run."""
     return pa.concat_tables([t[0] for t in tables]), pa.concat_tables([t[1] for t in tables])
 
 
 @cache
-def random_sums(seed: int, *, recordings: int = 6) -> pd.DataFrame:
+def random_sums(seed: int, *, recordings: int = 6, images: int = 12) -> pd.DataFrame:
     """The sums of a random run; nobody changes them."""
-    return sum_run(*random_run(seed, recordings=recordings), protocol=PAPER)
+    objects, frames = map(TableRows, random_run(seed, recordings=recordings, images=images))
+    return sum_run(objects, frames, protocol=PAPER)
 
 
 @cache
@@ -63,21 +71,13 @@ def shuffled(table: pa.Table, seed: int) -> pa.Table:
 
 
 def _frame_row(draw: np.random.Generator, recording: str, camera: str, timestamp_ns: int) -> dict[str, object]:
-    failed = draw.random() < 0.1
-    names = [field.name for field in FRAMES_SCHEMA if field.type == pa.int64() and field.name != "timestamp_ns"]
-    counts = {name: 0 if failed else int(draw.integers(1, 200)) for name in names}
-    counts |= dict.fromkeys(("width", "height"), 0 if failed else 20) | {"valid_px": 0 if failed else 300}
-    causes = [] if failed else [("depth", counts["fp_px"] // 3), ("epipolar", counts["fp_px"] - counts["fp_px"] // 3)]
-    return {
-        "recording": recording,
-        "camera": camera,
-        "timestamp_ns": timestamp_ns,
-        "ego_speed_mps": draw.uniform(0, 12),
-        "status": "failed" if failed else "evaluated",
-        "problem": "truncated image" if failed else None,
-        **counts,
-        "fp_by_cause": causes,
-    }
+    image = dict(zip(IMAGE, (recording, camera, timestamp_ns), strict=True)) | {"ego_speed_mps": draw.uniform(0, 12)}
+    if draw.random() < 0.1:
+        return image | dict.fromkeys(COUNTS, 0) | {"status": "failed", "problem": "truncated image", "fp_by_cause": []}
+    counts = {name: int(draw.integers(1, 200)) for name in COUNTS} | {"width": 20, "height": 20, "valid_px": 300}
+    depth = counts["fp_px"] // 3
+    causes = [("depth", depth), ("epipolar", counts["fp_px"] - depth)]
+    return image | counts | {"status": "evaluated", "problem": None, "fp_by_cause": causes}
 
 
 def _object_row(draw: np.random.Generator, frame: dict[str, object], track_id: str) -> dict[str, object]:
@@ -87,17 +87,14 @@ def _object_row(draw: np.random.Generator, frame: dict[str, object], track_id: s
     tp = int(draw.integers(0, region + 1)) if draw.random() < 0.8 else 0
     return {
         **dict.fromkeys(NO_COUNTS, 1 + region % 7),  # those that a new metric may ask for
-        **{key: frame[key] for key in ("recording", "camera", "timestamp_ns", "ego_speed_mps")},
+        **{key: frame[key] for key in (*IMAGE, "ego_speed_mps")},
         "track_id": track_id,
         "object_class": draw.choice(PAPER.reference.classes),
         "status": str(status),
         "reason": str(draw.choice(list(IgnoreReason))) if status == Status.IGNORED else None,
         "category": None if status == Status.STATIC else str(draw.choice(PAPER.reference.categories)),
         "direction": str(draw.choice(list(Direction))) if draw.random() < 0.9 else None,
-        "range_m": draw.uniform(0, 8),
-        "x_m": draw.uniform(-8, 11),
-        "y_m": draw.uniform(-8, 8),
-        "speed_mps": draw.uniform(0, 5),
+        **{name: draw.uniform(*ends) for name, ends in PLACES.items()},
         "points": int(draw.integers(10, 2000)),
         "polygon_px": region,
         "region_px": region,

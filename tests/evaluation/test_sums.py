@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Rows, read_sums, rows, sum_run, write_sums
+from bench.evaluation import RowSource, read_sums, rows, sum_run, write_sums
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.evaluation.rows import group_recordings
 from bench.evaluation.sums import KEY
@@ -20,14 +20,16 @@ from bench.records.reference import Direction
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, random_sums, scored, shuffled
 from tests.support.counts import write_counts
+from tests.support.result_rows import TableRows
 
-Tables = tuple[Rows, Rows]
+Tables = tuple[pa.Table, pa.Table] | tuple[RowSource, RowSource]
 
 
 def reduced(tables: Tables, rows_at_once: int = rows.ROWS_AT_ONCE) -> pd.DataFrame:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(rows, "ROWS_AT_ONCE", rows_at_once)
-        return sum_run(*tables, protocol=PAPER)
+        sources = (TableRows(table) if isinstance(table, pa.Table) else table for table in tables)
+        return sum_run(*sources, protocol=PAPER)
 
 
 def in_order(sums: pd.DataFrame) -> pd.DataFrame:
@@ -141,13 +143,10 @@ def test_what_is_no_table_of_sums_is_refused(tmp_path: Path, text: str, message:
     assert message in str(refused.value)
     assert str(file) in str(refused.value)
     assert not message.startswith("line 2") or "got frames, frames, NA, " in str(refused.value)
-
-
-def test_a_file_of_bytes_and_a_missing_one_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "sums.csv").write_bytes(bytes(range(256)))
-    for name in ("sums.csv", "missing.csv"):
-        with pytest.raises(DataError, match=name):
-            read_sums(tmp_path / name)
+    file.write_bytes(bytes(range(256)))
+    for damaged in (file, tmp_path / "missing.csv"):
+        with pytest.raises(DataError, match=damaged.name):
+            read_sums(damaged)
 
 
 # Maps of the detection rate by place.
@@ -157,11 +156,11 @@ def map_of(found: RangeMaps, object_class: str, direction: Direction) -> RangeMa
     return next(m for m in found.maps if (m.object_class, m.direction) == (object_class, direction))
 
 
-def placed(*places_m: tuple[float, float]) -> pa.Table:
+def placed(*places_m: tuple[float, float]) -> TableRows:
     """Pedestrians at these places; the first alone is detected."""
     objects = [reference_object(chr(97 + k), centroid_m=np.array(place)) for k, place in enumerate(places_m)]
     labels = np.arange(1, len(places_m) + 1, dtype=np.int32)[None]
-    return scored([(reference_frame(labels, objects=objects), labels == 1)])[0]
+    return TableRows(scored([(reference_frame(labels, objects=objects), labels == 1)])[0])
 
 
 def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
@@ -174,23 +173,18 @@ def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
     assert lateral.object_frames[ahead + 1, right] == 1
     assert lateral.object_frames.sum() == 3
     assert np.isnan(lateral.rate[0, 0])
+    far = range_maps(placed((11.0, 0.0)), protocol=PAPER)
+    assert far.maps[0].edges_m[-1] == 12.0, "the grid grows to the furthest object"
 
 
 def test_a_cell_with_few_object_frames_is_marked() -> None:
-    lateral = map_of(
-        range_maps(placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4), protocol=PAPER), "pedestrian", Direction.LATERAL
-    )
-    assert np.argwhere(lateral.enough).tolist() == [[2 + 8, 1 + 8]]
-
-
-def test_the_grid_grows_to_the_furthest_object() -> None:
-    found = range_maps(placed((11.0, 0.0)), protocol=PAPER)
-    assert found.maps[0].edges_m[-1] == 12.0
+    found = range_maps(placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4), protocol=PAPER)
+    assert np.argwhere(map_of(found, "pedestrian", Direction.LATERAL).enough).tolist() == [[2 + 8, 1 + 8]]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_object_frame_is_lost(seed: int) -> None:
     objects = random_run(seed)[0]
-    found = range_maps(objects, protocol=PAPER)
+    found = range_maps(TableRows(objects), protocol=PAPER)
     evaluated = sum(status == "evaluated" for status in objects["status"].to_pylist())
     assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == evaluated

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.errors import ShapeError
-from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, summarise, threshold_free_metrics, threshold_sweep
+from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
 from bench.evaluation.counts import BINS, EDGES, PAPER_THRESHOLD, SCORE_EDGES, find_bins
 from bench.evaluation.thresholds import ThresholdSweep
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import mask, picture, reference_frame
-from tests.evaluation.runs import PAPER, random_run, scored, shuffled
+from tests.evaluation.runs import PAPER, random_run, scored, shuffled, summary_of
+from tests.support.result_rows import TableRows
 
 AT_PAPER = int(np.flatnonzero(EDGES == PAPER_THRESHOLD)[0])
 HALF = 0.5
@@ -40,7 +40,11 @@ def scores_of(*images: tuple[str, Values], recording: str = "drive-1") -> pa.Tab
 
 
 def sweep_of(*images: tuple[str, object]) -> ThresholdSweep:
-    sweep = threshold_sweep(frames_of(*images))
+    return sweep_over(frames_of(*images))
+
+
+def sweep_over(frames: pa.Table) -> ThresholdSweep:
+    sweep = threshold_sweep(TableRows(frames))
     assert sweep is not None
     return sweep
 
@@ -82,7 +86,7 @@ def test_the_curve_passes_through_the_operating_point_of_the_run() -> None:
     drawings = ["11..\n11..\n....\n2...", "....\n.111\n.111\n...."]
     values = [(10 ** draw.uniform(-5, -2, (4, 4))).tolist() for _ in drawings]
     frames = frames_of(*zip(drawings, values, strict=True))
-    rows, sweep = frames.to_pylist(), threshold_sweep(frames)
+    rows, sweep = frames.to_pylist(), sweep_over(frames)
     tp, fp, fn = (sum(row[name] for row in rows) for name in ("tp_px", "fp_px", "fn_px"))
     assert tp > 0
     assert fp > 0
@@ -112,37 +116,25 @@ def test_ignored_and_invalid_pixels_are_in_neither_histogram() -> None:
 def test_images_of_different_sizes_count_alike_in_coverage() -> None:
     small, large = frames_of(("..", [[1, 0]])), frames_of((".....\n.....", [[1] * 5, [0] * 5]), recording="left")
     frames = pa.concat_tables([small, large])
-    sweep = threshold_sweep(frames)
+    sweep = sweep_over(frames)
     assert sweep.false_positive_coverage[AT_PAPER] == 0.5
-    summary = summarise(scored([])[0], frames, protocol=PAPER)
+    summary = summary_of((scored([])[0], frames))
     assert summary.false_positives.coverage.value == 0.5
-
-
-def test_without_objects_there_is_no_recall() -> None:
-    sweep = sweep_of(("..", [[1, 0]]))
-    assert np.isnan(sweep.recall).all()
 
 
 def test_a_method_without_likelihood_has_nulls_and_no_curve() -> None:
     _, frames = scored([(reference_frame(picture("1.")), mask("x."))])
     assert frames["likelihood_reference_px"].null_count == frames["likelihood_outside_px"].null_count == 1
-    assert threshold_sweep(frames) is None
-    assert threshold_free_metrics(frames) is None
-    assert threshold_sweep(random_run(1)[1]) is None
-
-
-def test_cells_that_do_not_tile_the_image_are_refused() -> None:
-    scorer = SequenceScorer(PAPER)
-    told = Segmentation(cell_size_px=2, mask=mask("xx\nxx"), likelihood=np.zeros((2, 1), dtype=np.float32))
-    with pytest.raises(ShapeError, match=r"likelihood of \(2, 2\) \(rows, columns\) cells, got \(2, 1\)"):
-        scorer.add(reference_frame(picture("....\n....\n....\n....")), told)
+    assert threshold_sweep(TableRows(frames)) is None
+    assert threshold_free_metrics(TableRows(frames)) is None
+    assert threshold_sweep(TableRows(random_run(1)[1])) is None
 
 
 # ---- without a threshold
 
 
 def free_of(frames: pa.Table) -> ThresholdFreeMetrics:
-    found = threshold_free_metrics(frames)
+    found = threshold_free_metrics(TableRows(frames))
     assert found is not None
     return found
 
@@ -215,6 +207,7 @@ def test_intervals_are_by_recording_and_the_order_of_rows_does_not_matter() -> N
 
 
 def test_without_objects_or_without_negatives_there_is_no_figure() -> None:
+    assert np.isnan(sweep_of(("..", [[1, 0]])).recall).all()
     nothing = free_of(scores_of(("....", np.full((1, 4), 0.3))))
     assert math.isnan(nothing.auprc.value)
     assert math.isnan(nothing.fpr95.value)

@@ -8,19 +8,18 @@ from dataclasses import replace
 import pandas as pd
 
 from bench.evaluation.definitions import image_metrics, object_metrics
-from bench.evaluation.summary import ProtocolOfRun
 from bench.evaluation.sums import CATEGORY, FRAMES, KEY, TERMS
 from bench.gate import RunSums, Tolerances, Verdict, judge, load_tolerances
-from bench.gate.tolerances import Override
+from bench.gate.tolerances import Tolerance
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
-from tests.support.manifests import method_of_run
+from tests.support.manifests import manifest
 
 CASES = 10
 RULES = load_tolerances()
 TOLERATED = tuple(
     m.name for m in (*object_metrics((0.1, 0.5)), *image_metrics()) if m.higher_is_better is not None and m.tolerated
 )
-ALL_DECIDE = RULES.model_copy(update={"metrics": dict.fromkeys(TOLERATED, Override(decides=True))})
+ALL_DECIDE = RULES.model_copy(update={"metrics": dict.fromkeys(TOLERATED, Tolerance(decides=True))})
 Sums = Mapping[str, tuple[float, float]]  # recording -> numerator and denominator
 BREAKDOWNS = {FRAMES: FRAMES, "all_moving": "all_moving"}
 
@@ -43,31 +42,24 @@ def table(slices: Mapping[str, Mapping[str, Sums]]) -> pd.DataFrame:
 
 def scored(slices: Mapping[str, Mapping[str, Sums]], *, failures: tuple[str, ...] = (), **changes: object) -> RunSums:
     """A run with these sums, in what `changed` takes like any other."""
-    run = RunSums(
-        manifest=Manifest(
-            dataset=DatasetOfRun(name="demo", card="datasets/demo.yaml", split=None, recordings={"drive-0": "f" * 16}),
-            method=method_of_run("spherical", settings={"weights": {"epipolar": 1.0}, "threshold": 6e-4}),
-            protocol=ProtocolOfRun(name="paper-v1", version=1, digest="d" * 64),
-            code=CodeOfRun(version="1", commit="c0ffee", libraries={}, answers="a", counts="c"),
-            reference="r" * 64,
-        ),
-        sums=table(slices),
-        failures=failures,
+    settings = {"weights": {"epipolar": 1.0}, "threshold": 6e-4}
+    of_run = manifest(
+        method="spherical", settings=settings, commit="c0ffee", reference="r" * 64, recordings={"drive-0": "f" * 16}
     )
-    return changed(run, **changes)
+    return changed(RunSums(manifest=of_run, sums=table(slices), failures=failures), **changes)
 
 
 def changed(run: RunSums, **changes: object) -> RunSums:
     """The same run of another manifest: fields of it, of its data set (`name`, `split`, `data`, ...) or `commit`."""
-    manifest = run.manifest
     if "data" in changes:
         changes["recordings"] = {"drive-0": changes.pop("data")}
     dataset = {name: value for name, value in changes.items() if name in DatasetOfRun.model_fields}
     code = {name: value for name, value in changes.items() if name in CodeOfRun.model_fields}
     own = {name: value for name, value in changes.items() if name in Manifest.model_fields}
     assert {*dataset, *code, *own} == {*changes}
-    parts = {"dataset": manifest.dataset.model_copy(update=dataset), "code": manifest.code.model_copy(update=code)}
-    return replace(run, manifest=manifest.model_copy(update=parts | own))
+    of_run = run.manifest
+    parts = {"dataset": of_run.dataset.model_copy(update=dataset), "code": of_run.code.model_copy(update=code)}
+    return replace(run, manifest=of_run.model_copy(update=parts | own))
 
 
 def one(values: Sequence[float], *, metric: str = "tpr_all", cases: int = CASES) -> RunSums:

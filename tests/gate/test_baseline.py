@@ -49,7 +49,7 @@ def own(**changes):
     [
         (
             {"commit": "c0ffee+"},
-            "files were changed on top of commit c0ffee, so that nobody can repeat the run; commit",
+            "were changed on top of commit c0ffee, so that nobody can repeat the run; commit",
         ),
         (own(), "code or files of method 'own' were in no commit, so that .* give the same `run` again, which then"),
         (own(commit="feed12+", uncommitted=("a.py", "b.pt")), "method 'own' were in no commit: a.py, b.pt, so that"),

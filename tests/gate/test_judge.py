@@ -3,13 +3,14 @@
 import math
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.evaluation import sum_run
+from bench.evaluation import PairedChange, compare_sums
 from bench.gate import Outcome, RunSums, judge
-from tests.evaluation.runs import PAPER, random_run
+from tests.evaluation.runs import random_sums
 from tests.gate.factories import ALL_DECIDE, RULES, TOLERATED, one, scored, sums, verdict_of
 
 
@@ -33,16 +34,16 @@ def test_a_loss_fails_beyond_what_is_tolerated_and_beyond_chance(before, after, 
 
 
 def test_lower_is_better_where_the_metric_says_so():
-    runs = [one([value] * 6, metric="false_positive_coverage") for value in (0.2, 0.3, 0.1)]
-    found = [verdict_of(runs[0], after).rows[0].outcome for after in runs[1:]]
-    assert found == [Outcome.FAILED, Outcome.IMPROVED]
+    before, more, less = (one([value] * 6, metric="false_positive_coverage") for value in (0.2, 0.3, 0.1))
+    assert verdict_of(before, more).rows[0].outcome is Outcome.FAILED
+    assert verdict_of(before, less).rows[0].outcome is Outcome.IMPROVED
 
 
 def test_a_loss_in_one_of_six_recordings_fails_only_where_equal_inputs_give_equal_results():
     before, after = one([0.5] * 6), one([0.5] * 5 + [0.0])
     verdict = verdict_of(before, after)
     (row,) = verdict.rows
-    assert (row.outcome, row.worst_recording) == (Outcome.SUSPECT, "drive-5")
+    assert (row.outcome, row.worst_recordings[0].recording) == (Outcome.SUSPECT, "drive-5")
     assert row.ci95[0] < 0 < row.ci95[1]
     assert verdict.passed
     assert "1 suspect" in verdict.headline
@@ -67,10 +68,8 @@ def test_the_more_rows_decide_the_clearer_a_loss_must_be(others, expected):
     assert row.p_holm == pytest.approx(0.0413 / 2 * (others + 1), abs=2e-4)
     assert row.p_value == pytest.approx(0.0413, abs=2e-4)
     assert verdict.passed == (expected is Outcome.SUSPECT)
-    if expected is Outcome.SUSPECT:
-        assert row.reason == (
-            "worse than tolerated, but among so many metrics it may be chance: p = 0.06, corrected after Holm"
-        )
+    chance = "worse than tolerated, but among so many metrics it may be chance: p = 0.06, corrected after Holm"
+    assert row.reason == (chance if expected is Outcome.SUSPECT else "")
 
 
 def test_rows_that_decide_nothing_count_for_nothing():
@@ -107,9 +106,8 @@ def test_a_metric_over_pixels_counts_its_images():
         return scored({"frames": {"precision": sums([value] * 6, cases=5000)} | counted})
 
     runs = ((with_images(0.9, images), with_images(0.1, images)) for images in (9.0, 10.0))
-    few, many = (verdict_of(*pair, ALL_DECIDE).rows for pair in runs)
-    assert {row.metric: row.outcome for row in few}["precision"] is Outcome.NOT_JUDGED
-    assert {row.metric: row.outcome for row in many}["precision"] is Outcome.FAILED
+    few, many = ({row.metric: row.outcome for row in verdict_of(*pair, ALL_DECIDE).rows} for pair in runs)
+    assert (few["precision"], many["precision"]) == (Outcome.NOT_JUDGED, Outcome.FAILED)
 
 
 def test_the_worst_comes_first_in_units_of_what_is_tolerated():
@@ -119,7 +117,14 @@ def test_the_worst_comes_first_in_units_of_what_is_tolerated():
 
 
 def drawn(seed: int, **options: int) -> RunSums:
-    return replace(scored({}), sums=sum_run(*random_run(seed, **options), protocol=PAPER))
+    return replace(scored({}), sums=random_sums(seed, **options))
+
+
+def test_the_gate_has_the_changes_intervals_and_p_values_of_compare():
+    before, after = drawn(1), drawn(2)
+    compared = compare_sums(before.sums, after.sums)[[*PairedChange.__slots__]]
+    rows = [{name: getattr(row, name) for name in compared} for row in verdict_of(before, after).rows]
+    pd.testing.assert_frame_equal(pd.DataFrame(rows, index=compared.index, dtype=object), compared, check_dtype=False)
 
 
 def test_every_metric_of_a_run_has_a_tolerance_and_every_tolerance_a_metric():

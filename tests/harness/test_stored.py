@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Metric, summarise, threshold_sweep
+from bench.evaluation import Metric, sum_run, summary_of, threshold_sweep
 from bench.evaluation.counts import EDGES
 from bench.evaluation.maps import range_maps
 from bench.harness import read_run, read_tables
@@ -27,21 +27,21 @@ def stored(request) -> Path:
     return request.param
 
 
-def summary_of(part: object, path: str = "") -> dict[str, Metric]:
+def figures_of(part: object, path: str = "") -> dict[str, Metric]:
     """All figures of a summary by their place in it."""
     if isinstance(part, Metric):
         return {path: part}
     pairs = part.items() if isinstance(part, dict) else part if hasattr(part, "model_dump") else ()
-    return {name: figure for key, inner in pairs for name, figure in summary_of(inner, f"{path}/{key}").items()}
+    return {name: figure for key, inner in pairs for name, figure in figures_of(inner, f"{path}/{key}").items()}
 
 
 def test_a_stored_run_reduces_to_its_figures(stored):
     run = read_run(stored)
     summary, protocol = run.summary, run.protocol
     assert protocol.digest == run.manifest.protocol.digest
-    again = summarise(*read_tables(stored), protocol=protocol)
+    again = summary_of(sum_run(run.objects, run.frames, protocol=protocol), protocol=protocol)
     assert (again.objects, again.images) == (summary.objects, summary.images)
-    then, now = summary_of(summary), summary_of(again)
+    then, now = figures_of(summary), figures_of(again)
     assert then.keys() <= now.keys(), "a metric that came later is new, and none is gone"
     assert len(then) > 200
     for name, figure in then.items():
@@ -51,9 +51,9 @@ def test_a_stored_run_reduces_to_its_figures(stored):
 
 
 def test_a_stored_runs_curve_agrees_with_its_figures(stored):
-    summary, (_, frames) = read_run(stored).summary, read_tables(stored)
-    sweep = threshold_sweep(frames)
-    threshold = read_run(stored).manifest.method.settings["threshold"]
+    run = read_run(stored)
+    summary, sweep = run.summary, threshold_sweep(run.frames)
+    threshold = run.manifest.method.settings["threshold"]
     (at,) = np.flatnonzero(threshold == EDGES)
     assert sweep.recall[at] == pytest.approx(summary.segmentation.recall.value)
     assert sweep.false_positive_coverage[at] == pytest.approx(summary.false_positives.coverage.value)

@@ -71,7 +71,6 @@ def summary() -> Summary:
         segmentation=SegmentationMetrics(iou=figure(0.2), precision=figure(0.3), recall=figure(0.7), f1=figure(0.4)),
         false_positive_causes={},
         breakdowns={},
-        false_positive_breakdowns={},
         objects=ObjectLedger(annotated=400, evaluated=400, static=0, ignored={}),
         images=FrameLedger(images=250, evaluated=250, failed=0, skipped=0, problems={}),
     )

@@ -8,7 +8,6 @@ import pyarrow as pa
 import pytest
 
 from bench.audit import AuditSummary, MissCause, audit_sources, explain_image, run_audit
-from bench.errors import UsageError
 from bench.evaluation import load_protocol
 from bench.methods import build_method
 from bench.recordings import load_card
@@ -69,10 +68,3 @@ def test_causes_are_drawn_where_most_is_missed(audited, tiny_card: Path, tmp_pat
         }
     files = write_cause_pictures(tmp_path, misses, sources=sources, method=METHOD, protocol=rules)
     assert len(files) == 2 * len(found) > 0
-    with pytest.raises(
-        UsageError,
-        match="expected a method that takes flow from outside, as 'spherical' and 'rigid-scene' do, got 'nothing'",
-    ):
-        explain_image(
-            sources["crossing"], camera="front", timestamp_ns=0, method=build_method("nothing"), protocol=rules
-        )

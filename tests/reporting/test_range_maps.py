@@ -1,13 +1,14 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from matplotlib.colors import to_rgba
 
 from bench.evaluation import load_protocol
 from bench.evaluation.definitions import HALF
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.rows import TableRows, objects_table
+from bench.evaluation.rows import OBJECTS_SCHEMA
 from bench.records.reference import Direction
 from bench.reporting.figures import (
     HALF_TITLE,
@@ -18,7 +19,7 @@ from bench.reporting.figures import (
     draw_threshold_sweep,
     new_figure,
 )
-from tests.support.result_rows import object_row
+from tests.support.result_rows import TableRows, object_row
 
 OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
 EDGES_M = np.arange(-8.0, 9.0)
@@ -86,13 +87,13 @@ def test_the_curve_of_thresholds_has_coverage_across_and_recall_up():
     assert (dot.get_xdata().tolist(), dot.get_ydata().tolist()) == ([10], [50])
 
 
-ROWS = objects_table([object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))])
+OBJECTS = [object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))]
+ROWS = TableRows(pa.Table.from_pylist(OBJECTS, schema=OBJECTS_SCHEMA))
 
 
 def test_half_of_the_core_is_half_or_more():
-    source = TableRows(ROWS)
     for level, detected in ((0.0, 3), (HALF, 2)):
-        maps = range_maps(source, protocol=load_protocol("surface-v1"), level=level).maps
+        maps = range_maps(ROWS, protocol=load_protocol("surface-v1"), level=level).maps
         (found,) = [m for m in maps if m.object_frames.any()]
         assert (found.object_frames.sum(), found.detected.sum()) == (4, detected)
 
@@ -100,6 +101,6 @@ def test_half_of_the_core_is_half_or_more():
 @pytest.mark.parametrize(("protocol", "title"), [("surface-v1", [HALF_TITLE]), ("paper-v1", [])])
 def test_the_map_of_a_protocol_with_unknown_bands_says_that_half_is_due(protocol, title):
     summary = SimpleNamespace(vehicle_outline_m=OUTLINE_M.tolist())
-    run = SimpleNamespace(objects=TableRows(ROWS), protocol=load_protocol(protocol), summary=summary)
+    run = SimpleNamespace(objects=ROWS, protocol=load_protocol(protocol), summary=summary)
     texts = [text.get_text() for text in draw_run_maps(run).texts]
     assert [text for text in texts if "Detected" in text] == title

@@ -5,6 +5,7 @@ import io
 import math
 from types import SimpleNamespace
 
+import pyarrow as pa
 import pytest
 from matplotlib.colors import to_hex
 
@@ -17,7 +18,7 @@ from bench.evaluation import (
     summary_of,
     write_sums,
 )
-from bench.evaluation.rows import frames_table, objects_table
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.evaluation.summary import Metric
 from bench.harness.stored import SUMS, read_run, write_run
 from bench.reporting.document import to_csv, to_markdown
@@ -38,7 +39,7 @@ from tests.reporting.printed import printed
 from tests.reporting.summaries import banded_summary, figure, summary
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
-from tests.support.result_rows import frame_row, object_row
+from tests.support.result_rows import TableRows, frame_row, object_row
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
 OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
@@ -158,10 +159,11 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
 def stored(tmp_path_factory):
     """A run of nine images with one crossing vehicle each, half of it found."""
     run = tmp_path_factory.mktemp("run")
-    objects, frames = objects_table([object_row(n) for n in range(9)]), frames_table([frame_row(n) for n in range(9)])
+    objects = pa.Table.from_pylist([object_row(n) for n in range(9)], schema=OBJECTS_SCHEMA)
+    frames = pa.Table.from_pylist([frame_row(n) for n in range(9)], schema=FRAMES_SCHEMA)
     write_counts(run, objects, frames)
     rules = load_protocol("paper-v1")
-    sums = sum_run(objects, frames, protocol=rules)
+    sums = sum_run(TableRows(objects), TableRows(frames), protocol=rules)
     write_sums(sums, run / SUMS)
     write_run(
         run, summary_of(sums, protocol=rules), protocol=rules, manifest=manifest(method="empty"),

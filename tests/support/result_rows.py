@@ -1,11 +1,33 @@
 """Rows of a result."""
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
+from bench.evaluation import Protocol, Summary, sum_run, summary_of
 from bench.evaluation.counts import ObjectCounts
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, to_frame
+
+
+@dataclass(frozen=True)
+class TableRows:
+    """A table in memory as a source of rows."""
+
+    table: pa.Table
+
+    def recordings(self):
+        return {one["values"]: one["counts"] for one in pc.value_counts(self.table["recording"]).to_pylist()}
+
+    def read(self, recordings, columns):
+        wanted = pc.is_in(self.table["recording"], value_set=pa.array(recordings, pa.string()))
+        return to_frame(self.table.select(list(columns)).filter(wanted))
+
+
+def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Summary:
+    """The metrics of a run from its tables."""
+    return summary_of(sum_run(TableRows(objects), TableRows(frames), protocol=protocol), protocol=protocol)
+
 
 # Of an object; a test says those that it is about.
 NO_COUNTS = dict.fromkeys((field.name for field in fields(ObjectCounts)), 0)

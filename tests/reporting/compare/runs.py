@@ -22,7 +22,7 @@ from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
 from bench.harness.stored import SUMS
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
-from tests.support.result_rows import NO_COUNTS
+from tests.support.result_rows import NO_COUNTS, TableRows
 
 RECORDINGS, IMAGES = 8, 4
 REGION_PX, IMAGE_PX = 100, 640 * 480
@@ -82,7 +82,7 @@ def _counted(
     objects = pa.Table.from_pylist([_object(*key, px, region_px) for key, px in detected], OBJECTS_SCHEMA)
     images = sorted({key[:2] for key, _ in detected})
     frames = pa.Table.from_pylist([_frame(*image, fp_px, region_px) for image in images], FRAMES_SCHEMA)
-    sums = sum_run(objects, frames, protocol=rules)
+    sums = sum_run(TableRows(objects), TableRows(frames), protocol=rules)
     return objects, frames, sums, summary_of(sums, protocol=rules)
 
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from bench.evaluation import rows
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECT, OBJECTS_SCHEMA, TableRows
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECT, OBJECTS_SCHEMA
 from bench.evaluation.summary import FrameLedger, Metric
 from bench.harness import read_run, read_tables
 from bench.reporting.document import environment
@@ -30,6 +30,7 @@ from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import texts
 from tests.reporting.summaries import figure, object_figures, summary
 from tests.support.counts import change_table
+from tests.support.result_rows import TableRows
 from tests.support.stored_files import change_manifest
 
 
@@ -86,7 +87,7 @@ def objects(*rows):
         | {"track_id": track, "timestamp_ns": time, "tp": tp, "fn": 100 - tp, "fp": 0}
         for track, time, tp in rows
     ]  # fmt: skip
-    return pa.Table.from_pylist(content, schema=OBJECTS_SCHEMA)
+    return TableRows(pa.Table.from_pylist(content, schema=OBJECTS_SCHEMA))
 
 
 def frames(*rows):
@@ -95,7 +96,7 @@ def frames(*rows):
         fixed | {"recording": recording, "timestamp_ns": time, "fp_px": fp, "fp_by_cause": []}
         for recording, time, fp in rows
     ]
-    return pa.Table.from_pylist(content, schema=FRAMES_SCHEMA)
+    return TableRows(pa.Table.from_pylist(content, schema=FRAMES_SCHEMA))
 
 
 def test_the_least_found_image_of_each_object():
