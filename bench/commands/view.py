@@ -47,7 +47,7 @@ def view(
     time_ns: Annotated[int | None, typer.Option()] = None,
     method: Annotated[str | Scorable | None, typer.Option(), TEXT] = None,
     settings: options.Settings = None,
-    protocol: options.Protocol = "paper-v1",
+    protocol: options.Protocol = "surface-v1",
     out: Place = None,
     video: Place = None,
     rrd: Place = None,

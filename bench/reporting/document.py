@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import base64
 import math
-import mimetypes
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -166,7 +165,10 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture: a file beside the report or a `data:` address, both ours; what it shows in words; a line below."""
+    """A picture: its address, what it shows in words, a line below.
+
+    The address is ours: `data:` on a page, which is one file; of Markdown, which leaves those out, a file beside it.
+    """
 
     address: str
     text: str
@@ -201,6 +203,11 @@ class Group:
     look: Look = ""
     name: str = ""
     tags: Tags = field(default_factory=dict)
+
+
+def section(name: str, title: str, blocks: Iterable[Block]) -> Group:
+    """A section of a page."""
+    return Group(look="section", name=name, title=title, blocks=list(blocks))
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +304,7 @@ def _markdown(block: Block) -> str:
         case Code():
             fence = "`" * max(3, 1 + max(map(len, re.findall("`+", block.text)), default=0))
             return "\n".join([fence, *map(plain, block.text.splitlines()), fence])
-        case Picture():
+        case Picture() if not block.address.startswith("data:"):
             shown = f"![{escape_markdown(block.text)}]({block.address})"
             return f"{shown}\n\n*{escape_markdown(block.caption)}*" if block.caption else shown
         case Group(look="folded"):
@@ -306,7 +313,7 @@ def _markdown(block: Block) -> str:
         case Group():
             heading = [Heading(block.title, 2 if block.look == "section" else 3)] if block.title else []
             return to_markdown([*heading, *block.blocks]).rstrip("\n")
-        case Drawing() | Filters():
+        case Drawing() | Filters() | Picture():
             return ""
         case Table():
             title = [f"**{escape_markdown(block.title)}**"] if block.title else []
@@ -340,15 +347,14 @@ def to_html(blocks: Iterable[Block]) -> Markup:
     return Markup("").join(parts)
 
 
-def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
-    """A whole page of HTML in one file; pictures are read from `folder` and become part of it.
+def to_page(title: str, blocks: Iterable[Block]) -> str:
+    """A whole page of HTML in one file.
 
     Args:
         title: of the page.
         blocks: of the report; what comes before the first section stands above the navigation.
-        folder: of the pictures.
     """
-    shown = [_with_pictures(block, folder) for block in blocks]
+    shown = list(blocks)
     sections = [block for block in shown if isinstance(block, Group) and block.look == "section"]
     head = shown[: shown.index(sections[0])] if sections else []
     macros: Any = environment().get_template("page.html.j2").module
@@ -361,15 +367,6 @@ def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
 def data_uri(content: bytes, kind: str) -> str:
     """The `data:` address of a file, with which it is part of a page; `kind` for example "image/png"."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _with_pictures(block: Block, folder: Path) -> Block:
-    if isinstance(block, Group):
-        return replace(block, blocks=[_with_pictures(inner, folder) for inner in block.blocks])
-    if not isinstance(block, Picture) or block.address.startswith("data:"):
-        return block
-    kind, _ = mimetypes.guess_type(block.address)
-    return replace(block, address=data_uri((folder / block.address).read_bytes(), str(kind)))
 
 
 @cache
@@ -422,7 +419,7 @@ class Report:
             OutputError: a file cannot be written, or one of another kind is in its place.
         """
         heading = [Heading(self.title, 1)] if self.title else []
-        page = {f"{name}.html": to_page(self.title, self.blocks, folder=folder)} if self.page else {}
+        page = {f"{name}.html": to_page(self.title, self.blocks)} if self.page else {}
         others = {f"{name}.md": to_markdown([*heading, *self.blocks]), f"{name}.csv": to_csv(self.numbers)}
         return write_together(folder, page | others)
 

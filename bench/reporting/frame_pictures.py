@@ -110,9 +110,7 @@ def _clusters(
 
 
 def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
-    return tuple(
-        file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, formats=["png"])
-    )
+    return tuple(file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, "png"))
 
 
 # Frames of stored runs.

@@ -66,7 +66,7 @@ def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys,
     before = sorted(path for path in card.parent.rglob("*"))
     source = out / "drive"
     assert call(monkeypatch, "annotate", "import", "openlabel", source, *words(card, "--out", folder)) == 0
-    assert "drive: 1 objects in 3 places, 2 of 2 sweeps annotated" in capsys.readouterr().out
+    assert "drive: 1 object in 3 places, 2 of 2 sweeps annotated" in capsys.readouterr().out
     assert sorted(path for path in card.parent.rglob("*")) == before
     (track,) = read_annotations(folder / "drive.json")
     van = tiny.tracks()[0]

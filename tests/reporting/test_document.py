@@ -104,13 +104,13 @@ def test_groups_are_headings_of_text_and_frames_of_a_page():
     assert '<select data-filter="a" data-chosen="">' in shown
 
 
-def test_a_page_has_a_navigation_where_it_has_sections(tmp_path):
+def test_a_page_has_a_navigation_where_it_has_sections():
     sections = [Group(look="section", title=name, name=name, blocks=[Paragraph(name)]) for name in "abc"]
-    page = to_page("A <title>", [Paragraph("First."), *sections], folder=tmp_path)
+    page = to_page("A <title>", [Paragraph("First."), *sections])
     assert "<title>A &lt;title&gt;: fisheye-bench</title>" in page
     assert page.index("First.") < page.index('<nav aria-label="Sections">') < page.index("<main>")
     assert re.findall(r'<a href="#(.)">', page) == ["a", "b", "c"]
-    assert "<nav" not in to_page("a", sections[:2], folder=tmp_path)
+    assert "<nav" not in to_page("a", sections[:2])
 
 
 def test_the_terminal_shows_all_blocks_and_no_character_acts():

@@ -32,7 +32,6 @@ from bench.reporting.run_tables import (
     table_rows,
     threshold_free_line,
     write_report_files,
-    write_sweep,
 )
 from tests.reporting.printed import printed
 from tests.reporting.summaries import banded_summary, figure, summary
@@ -264,6 +263,6 @@ def test_values_that_are_no_numbers_stand_side_by_side(values, at):
 
 
 def test_the_files_of_a_sweep(tmp_path):
-    files = write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
+    files = sweep_report("threshold", RUNS, title="threshold on demo").write(tmp_path, "sweep")
     assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md"]
     assert "<svg" in (tmp_path / "sweep.html").read_text()
