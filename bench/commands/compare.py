@@ -62,11 +62,11 @@ def compare(
         fisheye-bench compare reports/runs/demo-spherical reports/runs/demo-frame-difference
     """
     from bench.harness.stored import run_name
-    from bench.reporting.compare import compare_runs, read_comparable, write_comparison
+    from bench.reporting.compare import compare_runs, write_comparison
 
     folders = [run_folder(run) for run in runs]
     if out is None:
-        return Comparison(pairs=tuple(compare_runs(read_comparable(folders))))
+        return Comparison(pairs=tuple(compare_runs(folders)))
     if out == USUAL:
         out = USUAL.with_name(f"compare-{'-'.join(map(run_name, folders))}")
     with progress_bar("drawing what changed", "pictures", progress) as drawn:

@@ -51,25 +51,6 @@ from bench.reporting.document import (
 )
 
 
-def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
-    """Read runs of the same data and protocol; of equal names those from the second on get a number.
-
-    Raises:
-        DataError: a run is damaged.
-        UsageError: fewer than two runs, or runs of different data, split or protocol.
-    """
-    if len(folders) < 2:
-        raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
-    runs: list[StoredRun] = []
-    for run in map(read_run, folders):
-        same = sum(run.label == other.label.partition(" (")[0] for other in runs)
-        runs.append(replace(run, label=f"{run.label} ({same + 1})") if same else run)
-        for difference in differences(runs[0].manifest, run.manifest):
-            if not difference.comparable:
-                raise UsageError(f"{runs[0].folder} and {run.folder} do not compare: {difference}")
-    return runs
-
-
 def differing_settings(manifests: Sequence[Manifest], *, hidden: Collection[str] = ()) -> list[dict[str, object]]:
     """The settings of the method of each run that are not the same in all runs of it, by dotted name.
 
@@ -131,8 +112,9 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
         if reference_of(first) != reference_of(second):
             raise UsageError(
-                f"{refused}their references differ on the {counted(common, 'image')} that both scored: annotations, other "
-                "data or the code that builds references changed; run both again, on the same data with one version"
+                f"{refused}their references differ on the {counted(common, 'image')} that both scored: annotations, "
+                "other data or the code that builds references changed; run both again, on the same data with one "
+                "version"
             )
     return first, second
 
@@ -335,13 +317,24 @@ class RunComparison:
         return self.changes.drop(CATEGORY, level="breakdown").droplevel(["breakdown", "slice"])
 
 
-def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
+def compare_runs(folders: Sequence[Path]) -> list[RunComparison]:
     """Compare the first of several runs with each of the others, on the images that both scored.
 
+    Runs of equal names get a number from the second on.
+
     Raises:
-        DataError: a table is damaged.
-        UsageError: no image was scored by both, or the references differ on these.
+        DataError: a run or a table of it is damaged.
+        UsageError: fewer than two runs, or runs of different data, split, protocol or reference, or no common image.
     """
+    if len(folders) < 2:
+        raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
+    runs: list[StoredRun] = []
+    for run in map(read_run, folders):
+        same = sum(run.label == other.label.partition(" (")[0] for other in runs)
+        runs.append(replace(run, label=f"{run.label} ({same + 1})") if same else run)
+        for difference in differences(runs[0].manifest, run.manifest):
+            if not difference.comparable:
+                raise UsageError(f"{runs[0].folder} and {run.folder} do not compare: {difference}")
     return [_compare(runs[0], other) for other in runs[1:]]
 
 
@@ -640,7 +633,7 @@ def write_comparison(
         DataError: a run is damaged.
         UsageError: fewer than two runs, or runs that do not compare.
     """
-    comparisons = compare_runs(read_comparable(folders))
+    comparisons = compare_runs(folders)
     if pictures:
         comparisons = [_with_pictures(comparison, progress) for comparison in comparisons]
     return comparisons, report(comparisons, out=out).write(out, "compare")

@@ -7,7 +7,6 @@ else. A page is one file: `page.html.j2` with `page.css` and `page.js`, which so
 
 from __future__ import annotations
 
-import base64
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -362,11 +361,6 @@ def to_page(title: str, blocks: Iterable[Block]) -> str:
                      for name in ("page.css", "page.js"))  # fmt: skip
     page: Markup = macros.page(title, to_html(head), sections, to_html(shown[len(head) :]), style, script)
     return str(page)
-
-
-def data_uri(content: bytes, kind: str) -> str:
-    """The `data:` address of a file, with which it is part of a page; `kind` for example "image/png"."""
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 @cache

@@ -9,6 +9,7 @@ Source:
 
 from __future__ import annotations
 
+import base64
 import io
 import math
 import re
@@ -38,7 +39,7 @@ from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.harness.stored import StoredRun
 from bench.plain_text import counted, plain
 from bench.records.reference import Direction
-from bench.reporting.document import Drawing, data_uri
+from bench.reporting.document import Drawing
 from bench.reporting.formats import found_level
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ STYLE: dict[RcKeyType, Any] = {
     "pdf.fonttype": 42,  # TrueType, which publishers ask for
     "text.parse_math": False,  # names may hold dollar signs
 }
-_UNDATED: dict[PictureFormat, dict[str, Any]] = {
+_UNDATED: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -101,37 +102,28 @@ def axes_at(figure: Figure, left_in: float, bottom_in: float, width_in: float, h
     )
 
 
-def _saved(figure: Figure, file_format: str, metadata: dict[str, Any] | None = None) -> bytes:
+def figure_bytes(figure: Figure, picture_format: PictureFormat | Literal["rgba"]) -> bytes:
+    """The figure as a file, or as its pixels; equal figures give equal bytes."""
     for text in figure.findobj(Text):  # names may hold what no font draws
         text.set_text("\n".join(map(plain, text.get_text().split("\n"))))
     buffer = io.BytesIO()
     with rc_context(STYLE):
-        figure.savefig(buffer, format=file_format, dpi=DPI, metadata=metadata)
+        figure.savefig(buffer, format=picture_format, dpi=DPI, metadata=_UNDATED.get(picture_format))
     return buffer.getvalue()
-
-
-def figure_bytes(figure: Figure, picture_format: PictureFormat) -> bytes:
-    """The figure as a file; equal figures give equal bytes."""
-    return _saved(figure, picture_format, _UNDATED[picture_format])
 
 
 def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
     """The figure as an image, (H, W, 3) BGR uint8."""
     size = round(figure.bbox.height), round(figure.bbox.width)
-    rgba = np.frombuffer(_saved(figure, "rgba"), dtype=np.uint8).reshape(*size, 4)
+    rgba = np.frombuffer(figure_bytes(figure, "rgba"), dtype=np.uint8).reshape(*size, 4)
     return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGR), dtype=np.uint8)
 
 
-def jpeg_bytes(figure: Figure) -> bytes:
-    """The figure as JPEG, for pictures with photographs in them."""
+def figure_uri(figure: Figure) -> str:
+    """The figure as the `data:` address of a JPEG, for pictures with photographs in them."""
     written, content = cv2.imencode(".jpg", figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert written, "OpenCV writes JPEG"
-    return content.tobytes()
-
-
-def figure_uri(figure: Figure) -> str:
-    """The figure as the `data:` address of a JPEG."""
-    return data_uri(jpeg_bytes(figure), "image/jpeg")
+    return f"data:image/jpeg;base64,{base64.b64encode(content.tobytes()).decode()}"
 
 
 def write_picture(stem: Path, figure: Figure, *formats: PictureFormat) -> tuple[Path, ...]:

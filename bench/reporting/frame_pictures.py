@@ -58,7 +58,7 @@ from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
 def write_frame_pictures(
     processed: ProcessedFrame, pipeline: FramePipeline, folder: Path, *, made_by: str
-) -> tuple[Path, ...]:
+) -> list[Path]:
     """Write `panels.png`, `areas.png` and `cluster-<track>.png` of the evaluated objects; the files.
 
     Args:
@@ -67,12 +67,12 @@ def write_frame_pictures(
         folder: is made.
         made_by: method and protocol, as `made_by` says them.
     """
-    areas = draw_frames([scored_layers(processed, label=made_by)], name=frame_name(processed.reference))
-    drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
-    return _write(drawn | _clusters(processed.reference, processed.image, processed.pixels, pipeline), folder)
+    panels = figures.write_picture(folder / "panels", draw_panels(processed, made_by=made_by), "png")
+    layers = scored_layers(processed, label=made_by)
+    return [*panels, *_write_layers("areas", layers, processed.reference, processed.image, pipeline, folder)]
 
 
-def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
+def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> list[Path]:
     """Write `reference.png` and `cluster-<track>.png` of the evaluated objects, without any method; the files.
 
     Args:
@@ -85,32 +85,27 @@ def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, 
         DataError: the image, its sweep or ego-motion cannot be used.
     """
     image, reference = pipeline.images[index], pipeline.reference(index)
-    pixels = read_image(image, pipeline.camera, colour=True)
-    drawn = draw_frames([reference_layers(pixels, reference, label=made_by)], name=frame_name(reference))
-    return _write({"reference": drawn} | _clusters(reference, image, pixels, pipeline), folder)
+    layers = reference_layers(read_image(image, pipeline.camera, colour=True), reference, label=made_by)
+    return _write_layers("reference", layers, reference, image, pipeline, folder)
 
 
-def _clusters(
-    reference: ReferenceFrame, image: ImageRef, pixels: NDArray[np.uint8], pipeline: FramePipeline
-) -> dict[str, Figure]:
-    """The evaluated objects of which lidar points are known, by name of file."""
-    return {
-        f"cluster-{file_name(target.track_id)}": draw_cluster(
-            pipeline.references.geometry(target.track_id, image),
-            image=pixels,
-            polygon=target.polygon,
-            vehicle_outline_m=pipeline.recording.vehicle_outline_m,
-            title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
-            f"{target.points} points",
-            image_name=frame_name(reference),
-        )
-        for target in reference.objects
-        if target.status is Status.EVALUATED and target.polygon is not None and image.moving_path is None
-    }
-
-
-def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
-    return tuple(file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, "png"))
+def _write_layers(
+    name: str, layers: Layers, reference: ReferenceFrame, image: ImageRef, pipeline: FramePipeline, folder: Path
+) -> list[Path]:
+    """Write the picture of an image, and a cluster of each evaluated object of which lidar points are known."""
+    drawn = {name: draw_frames([layers], name=frame_name(reference))}
+    for target in reference.objects if image.moving_path is None else ():
+        if target.status is Status.EVALUATED and target.polygon is not None:
+            drawn[f"cluster-{file_name(target.track_id)}"] = draw_cluster(
+                pipeline.references.geometry(target.track_id, image),
+                image=layers.pixels,
+                polygon=target.polygon,
+                vehicle_outline_m=pipeline.recording.vehicle_outline_m,
+                title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
+                f"{target.points} points",
+                image_name=frame_name(reference),
+            )
+    return [file for what, figure in drawn.items() for file in figures.write_picture(folder / what, figure, "png")]
 
 
 # Frames of stored runs.

@@ -531,19 +531,18 @@ def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
 def _leader(group: RankedGroup) -> Paragraph:
     """The method that leads, "best" where it is shown to be better than every other one, and its score in words."""
     first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
-    iou, of_images = first.metrics[ORDERED_BY], (FALSE_POSITIVES, formats.LARGE_FALSE)
+    iou, area, large = (first.metrics[name] for name in (ORDERED_BY, FALSE_POSITIVES, formats.LARGE_FALSE))
     few = "" if iou.ci95 else " (too few recordings for an interval)"
     of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
-    area, large = (formats.percent(first.metrics[name].value) for name in of_images)
     others = [entry.method for entry in group.methods if entry.behind is False]
-    doubt = f" Not shown to be behind it: {', '.join(others)}." if others else ""
-    unreviewed = f" {group.unreviewed}" if group.unreviewed else ""
-    return Paragraph(
+    doubt = f"Not shown to be behind it: {', '.join(others)}." if others else ""
+    told = (
         f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {first.method}, IoU "
-        f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover {area} of the "
-        f"image, {large} of the images have a large one. Scored {first.date} with {first.code}.{doubt}{unreviewed}",
-        "good" if group.best else "dim",
+        f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover "
+        f"{formats.percent(area.value)} of the image, {formats.percent(large.value)} of the images have a large one. "
+        f"Scored {first.date} with {first.code}."
     )
+    return Paragraph(" ".join(filter(None, (told, doubt, group.unreviewed))), "good" if group.best else "dim")
 
 
 def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:

@@ -29,7 +29,7 @@ from bench.harness import ProcessedFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import counted
-from bench.records.reference import Category, Status
+from bench.records.reference import Category
 from bench.reporting import figures, formats
 from bench.reporting.document import (
     Block,
@@ -47,7 +47,7 @@ from bench.reporting.document import (
     section,
     to_page,
 )
-from bench.reporting.frame import draw_close_up, draw_frames, draw_panels, scored_layers
+from bench.reporting.frame import draw_frames, draw_panels, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
     is_rendered,
@@ -229,7 +229,7 @@ def _worst_boxes(worst: Sequence[Row], drawn: Drawn, *, pictures: bool) -> tuple
         element = f"{kind}-{len(of_kind)}"
         title = f"{row['object_class']} “{track}”, {formats.image_name(*key)}" if track else formats.image_name(*key)
         facts = Paragraph(object_facts(row) if track else image_facts(row))
-        shown = _shown(drawn[key], title, track) if key in drawn else none
+        shown = _shown(drawn[key], title) if key in drawn else none
         of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
         if key in drawn:
             elements[(*key, track)] = element
@@ -240,23 +240,16 @@ def _image_key(row: Row) -> ImageKey:
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def _pictures(processed: ProcessedFrame, *, closer: bool) -> dict[str, str]:
-    """Addresses of the "areas"; closer, also of the "panels", and of each evaluated object enlarged, "track <id>"."""
-    reference, name, layers = processed.reference, formats.frame_name(processed.reference), scored_layers(processed)
-    drawn = {"areas": figures.figure_uri(draw_frames([layers], name=name))}
-    if closer:
-        drawn["panels"] = figures.figure_uri(draw_panels(processed))
-        for target in reference.objects:
-            if target.status is Status.EVALUATED:
-                drawn[f"track {target.track_id}"] = figures.figure_uri(draw_close_up(layers, target, name=name))
-    return drawn
+def _pictures(processed: ProcessedFrame, *, panels: bool) -> dict[str, str]:
+    """Addresses of the "areas" and, where they are wanted, of the "panels" of an image."""
+    areas = draw_frames([scored_layers(processed)], name=formats.frame_name(processed.reference))
+    more = {"panels": draw_panels(processed)} if panels else {}
+    return {name: figures.figure_uri(figure) for name, figure in {"areas": areas, **more}.items()}
 
 
-def _shown(drawn: Mapping[str, str], title: str, track: str) -> Iterator[Block]:
-    """The picture of a case, the object enlarged, and what each step saw."""
+def _shown(drawn: Mapping[str, str], title: str) -> Iterator[Block]:
+    """The picture of a case, and what each step saw."""
     yield Picture(drawn["areas"], f"Camera image of {title}: green found, blue missed, orange wrong")
-    if track:
-        yield Picture(drawn[f"track {track}"], f"{title}, enlarged")
     panels = Picture(drawn["panels"], f"Flow, deviations, likelihood and segmentation of {title}")
     yield Group(look="folded", title="Panels: what each step saw", blocks=[panels])
 
@@ -418,11 +411,11 @@ def write_page(
     charts = figures.draw_charts(run)
     worst = [*worst_objects(run.objects, most=WORST), *worst_frames(run.frames, most=WORST)]
     examples = dict([*example_frames(run.objects).items()][:EXAMPLES])
-    closer = {_image_key(row) for row in worst}
+    of_worst = {_image_key(row) for row in worst}
     drawn, missing = draw_images(
         [run],
-        {*closer, *examples.values()} if pictures else (),
-        lambda key, frames, _: _pictures(frames[0], closer=key in closer),
+        {*of_worst, *examples.values()} if pictures else (),
+        lambda key, frames, _: _pictures(frames[0], panels=key in of_worst),
         progress=progress,
     )
     boxes, elements = _worst_boxes(worst, drawn, pictures=pictures)

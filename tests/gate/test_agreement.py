@@ -6,7 +6,7 @@ import pytest
 
 from bench.evaluation import PairedChange
 from bench.gate import judge, load_tolerances, read_baseline, read_run_sums
-from bench.reporting.compare import compare_runs, read_comparable
+from bench.reporting.compare import compare_runs
 from tests.reporting.compare.runs import drawn, write_run
 
 CHANGE = [*PairedChange.__slots__]
@@ -29,7 +29,7 @@ def rows(folders):
 
 
 def test_the_gate_has_the_changes_intervals_and_p_values_of_compare(folders, rows):
-    (comparison,) = compare_runs(read_comparable(folders))
+    (comparison,) = compare_runs(folders)
     gate = {(row.slice_name, row.metric): {name: getattr(row, name) for name in CHANGE} for row in rows}
     shown = comparison.changes.reset_index().to_dict("records")
     compared = {(row["slice"], row["metric"]): row for row in shown if row["cases_before"] and row["cases_after"]}

@@ -21,7 +21,6 @@ from bench.reporting.frame import (
     AREAS,
     Layers,
     PixelClass,
-    draw_close_up,
     draw_cluster,
     draw_frames,
     draw_panels,
@@ -151,16 +150,6 @@ def test_a_film_keeps_its_size_whatever_is_seen():
     scored = replace(scored_layers(processed(busy_frame(), busy_frame().labels > 0)), label="own")
     sizes = {tuple(draw_frames([layers], name="demo").get_size_inches()) for layers in (plain, scored)}
     assert len(sizes) == 1
-
-
-def test_a_close_up_shows_the_object_and_as_much_around_it():
-    frame = busy_frame()
-    figure = draw_close_up(scored_layers(processed(frame, frame.labels > 0)), frame.objects[2], name="demo")
-    (left, right), (bottom, top) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
-    assert left < 420 < 590 < right
-    assert top < 200 < 320 < bottom
-    assert right - left == pytest.approx((bottom - top) * 4 / 3)
-    assert 0.4 < 170 / (right - left) < 0.6
 
 
 def seen_by_deuteranopes(colour):

@@ -6,7 +6,7 @@ import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from bench.reporting.compare import compare_runs, frame_title, read_comparable
+from bench.reporting.compare import compare_runs, frame_title
 from bench.reporting.compare import report as report_comparison
 from bench.reporting.document import Choice, Filters, Picture, Table, to_page
 from bench.reporting.leaderboard import read_leaderboard, write_leaderboard
@@ -42,7 +42,7 @@ def comparison(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     after = {key: 90 if key[0] == 7 else 0 if key[1] == 1 else 20 + key[0] for key in drawn(50)}
     runs = [write_run(folder / "old", drawn(50)), write_run(folder / "<new>", after, fp_px=0)]
-    (compared,) = compare_runs(read_comparable(runs))
+    (compared,) = compare_runs(runs)
     titles = map(frame_title, compared.frames.groupby("kind", sort=False).head(1).to_dict("records"))
     compared = replace(compared, pictures=tuple(Picture(PIXEL, title, title) for title in titles))
     return report_comparison([compared], out=folder).write(folder, "compare")[0]
@@ -174,7 +174,7 @@ def test_an_object_leads_to_its_pictures_and_a_picture_enlarges(page):
     link = next(a for a in page.find_elements(By.CSS_SELECTOR, f"{ROWS} th a"))
     press(page, link)
     box = page.find_element(By.CSS_SELECTOR, link.get_attribute("href").partition("#")[2].join(["#", ""]))
-    assert len(box.find_elements(By.TAG_NAME, "img")) == 3, "areas, close-up, panels"
+    assert len(box.find_elements(By.TAG_NAME, "img")) == 2, "areas, panels"
     press(page, box.find_element(By.TAG_NAME, "img"))
     viewer = page.find_element(By.ID, "viewer")
     assert viewer.is_displayed()
