@@ -12,13 +12,13 @@ import typer
 
 from bench.commands import console, options
 from bench.commands.command import Flag, Place, Words
-from bench.commands.console import Report as Progress
+from bench.commands.console import Report
 from bench.commands.run import Run, default_folder, run_request
 from bench.errors import UsageError
 from bench.plain_text import counted
 
 if TYPE_CHECKING:
-    from bench.reporting.document import Report
+    from bench.reporting import document
 
 SWEEPS = Path("reports/sweeps")
 
@@ -36,7 +36,7 @@ class Sweep:
 
     folder: Path
     runs: Mapping[str, Run]
-    report: Report
+    report: document.Report
     files: tuple[Path, ...]
 
 
@@ -75,7 +75,7 @@ def sweep(
     out: Place = None,
     overwrite: Flag = False,
     workers: options.Workers = 1,
-    progress: Progress | None = None,
+    progress: Report | None = None,
 ) -> Sweep:
     """Score a method for several values of one setting; write a table and a chart.
 

@@ -79,11 +79,11 @@ def as_text(value: object) -> str:
 class Column:
     """A column of a table: its heading, and how its values are written; a `Cell` stays as it is, None is empty."""
 
-    heading: str | Cell
+    heading: str
     form: Callable[[Any], str | Cell] = as_text
 
 
-Heads = Column | Cell | str
+Heads = Column | str
 Tags = Mapping[str, str]  # what filters of a page find a row or a group by; "" is found by no choice
 
 
@@ -109,9 +109,9 @@ class Table:
     look: str = ""
     tags: Sequence[Tags] = ()
 
-    def headings(self) -> list[Cell]:
+    def headings(self) -> list[str]:
         """Headings of the columns."""
-        return [_as_cell(c.heading if isinstance(c, Column) else c, as_text) for c in self._columns()]
+        return [column.heading if isinstance(column, Column) else column for column in self._columns()]
 
     def cells(self) -> list[list[Cell]]:
         """The rows, every value written in the format of its column."""
@@ -121,15 +121,15 @@ class Table:
         else:
             shown = self.rows[list(self.columns)] if isinstance(self.columns, Mapping) else self.rows
             rows = shown.itertuples(index=False)
-        return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
+        return [[self._cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
+
+    @staticmethod
+    def _cell(value: object, form: Callable[[Any], str | Cell]) -> Cell:
+        shown = value if isinstance(value, Cell) else "" if value is None else form(value)
+        return shown if isinstance(shown, Cell) else Cell(shown)
 
     def _columns(self) -> Sequence[Heads]:
         return [*self.columns.values()] if isinstance(self.columns, Mapping) else self.columns
-
-
-def _as_cell(value: object, form: Callable[[Any], str | Cell]) -> Cell:
-    shown = value if isinstance(value, Cell) else "" if value is None else form(value)
-    return shown if isinstance(shown, Cell) else Cell(shown)
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,11 +263,11 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
     for place, heading in enumerate(headings):
         of_words = place < table.words
         parts = [line for row in rows for line in (row[place].text, *row[place].below)]
-        words = [word for part in (heading.text, *heading.below, *(parts if of_words else ())) for word in part.split()]
+        words = [word for part in (heading, *(parts if of_words else ())) for word in part.split()]
         least = min(max(map(len, words), default=1), LONGEST_WORD)
         least = least if of_words else max([least, *map(len, parts)])
         shown.add_column(
-            _rich_text(heading, clean),
+            Text(clean(heading)),
             justify="left" if of_words else "right",
             min_width=least,
             max_width=None if of_words else least,
@@ -322,9 +322,9 @@ def _markdown(block: Block) -> str:
 def markdown_table(table: Table) -> str:
     """The table alone, its lines as wide as their content, so that a changed value changes one line."""
     rule = "|".join(":--" if place < table.words else "--:" for place in range(len(table.columns)))
-    head, *body = [
-        " | ".join("<br>".join(map(escape_markdown, (cell.text, *cell.below))) for cell in row)
-        for row in (table.headings(), *table.cells())
+    head = " | ".join(map(escape_markdown, table.headings()))
+    body = [
+        " | ".join("<br>".join(map(escape_markdown, (cell.text, *cell.below))) for cell in row) for row in table.cells()
     ]
     return "\n".join([f"| {head} |", f"|{rule}|", *(f"| {line} |" for line in body)])
 
@@ -377,14 +377,6 @@ def environment() -> jinja2.Environment:
     )
 
 
-def to_csv(rows: Iterable[Mapping[str, object]] | pd.DataFrame) -> str:
-    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have."""
-    import pandas as pd  # takes half a second, which a list on the terminal need not wait for
-
-    table = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows), dtype=object)
-    return table.to_csv(index=False, lineterminator="\n")
-
-
 def to_json(content: Mapping[str, object]) -> str:
     """JSON with null for NaN and infinity."""
     return pydantic_core.to_json(content, indent=1, inf_nan_mode="null").decode() + "\n"
@@ -397,13 +389,13 @@ class Report:
     Attributes:
         title: above the blocks; "" for none.
         blocks: what people read.
-        numbers: lines of the CSV file.
+        numbers: lines of the CSV file, at full precision; empty for NaN and None.
         page: also write the blocks as a page.
     """
 
     title: str
     blocks: Sequence[Block]
-    numbers: Iterable[Mapping[str, object]] | pd.DataFrame
+    numbers: pd.DataFrame
     page: bool = False
 
     def write(self, folder: Path, name: str) -> tuple[Path, ...]:
@@ -414,7 +406,8 @@ class Report:
         """
         heading = [Heading(self.title, 1)] if self.title else []
         page = {f"{name}.html": to_page(self.title, self.blocks)} if self.page else {}
-        others = {f"{name}.md": to_markdown([*heading, *self.blocks]), f"{name}.csv": to_csv(self.numbers)}
+        numbers = self.numbers.to_csv(index=False, lineterminator="\n")
+        others = {f"{name}.md": to_markdown([*heading, *self.blocks]), f"{name}.csv": numbers}
         return write_together(folder, page | others)
 
 

@@ -57,44 +57,35 @@ from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
 
 def write_frame_pictures(
-    processed: ProcessedFrame, pipeline: FramePipeline, folder: Path, *, made_by: str
+    reference: ReferenceFrame,
+    image: ImageRef,
+    pipeline: FramePipeline,
+    folder: Path,
+    *,
+    made_by: str,
+    processed: ProcessedFrame | None = None,
 ) -> list[Path]:
-    """Write `panels.png`, `areas.png` and `cluster-<track>.png` of the evaluated objects; the files.
+    """Write pictures of an image, and `cluster-<track>.png` of each evaluated object; the files.
 
     Args:
-        processed: the frame.
-        pipeline: that processed it.
+        reference: of the image.
+        image: of the pipeline's camera.
+        pipeline: that built the reference.
         folder: is made.
-        made_by: method and protocol, as `made_by` says them.
-    """
-    panels = figures.write_picture(folder / "panels", draw_panels(processed, made_by=made_by), "png")
-    layers = scored_layers(processed, label=made_by)
-    return [*panels, *_write_layers("areas", layers, processed.reference, processed.image, pipeline, folder)]
-
-
-def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> list[Path]:
-    """Write `reference.png` and `cluster-<track>.png` of the evaluated objects, without any method; the files.
-
-    Args:
-        pipeline: of the camera.
-        index: of the image.
-        folder: is made.
-        made_by: the protocol.
+        made_by: what is shown, as `made_by` says it, or the protocol.
+        processed: what a method made of the image, for `panels.png` and `areas.png`; None for `reference.png` alone.
 
     Raises:
-        DataError: the image, its sweep or ego-motion cannot be used.
+        DataError: the image cannot be read.
     """
-    image, reference = pipeline.images[index], pipeline.reference(index)
-    layers = reference_layers(read_image(image, pipeline.camera, colour=True), reference, label=made_by)
-    return _write_layers("reference", layers, reference, image, pipeline, folder)
-
-
-def _write_layers(
-    name: str, layers: Layers, reference: ReferenceFrame, image: ImageRef, pipeline: FramePipeline, folder: Path
-) -> list[Path]:
-    """Write the picture of an image, and a cluster of each evaluated object of which lidar points are known."""
-    drawn = {name: draw_frames([layers], name=frame_name(reference))}
-    for target in reference.objects if image.moving_path is None else ():
+    name = frame_name(reference)
+    if processed is None:
+        layers = reference_layers(read_image(image, pipeline.camera, colour=True), reference, label=made_by)
+        drawn = {"reference": draw_frames([layers], name=name)}
+    else:
+        layers = scored_layers(processed, label=made_by)
+        drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": draw_frames([layers], name=name)}
+    for target in reference.objects if image.moving_path is None else ():  # masks have no lidar points
         if target.status is Status.EVALUATED and target.polygon is not None:
             drawn[f"cluster-{file_name(target.track_id)}"] = draw_cluster(
                 pipeline.references.geometry(target.track_id, image),
@@ -103,7 +94,7 @@ def _write_layers(
                 vehicle_outline_m=pipeline.recording.vehicle_outline_m,
                 title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
                 f"{target.points} points",
-                image_name=frame_name(reference),
+                image_name=name,
             )
     return [file for what, figure in drawn.items() for file in figures.write_picture(folder / what, figure, "png")]
 
@@ -184,8 +175,13 @@ def write_example_pictures(
         categories.setdefault(key, []).append(category.value)
 
     def write(key: ImageKey, frames: Sequence[ProcessedFrame], pipeline: FramePipeline) -> list[Path]:
-        folders = [run.folder / "pictures" / name for name in categories[key]]
-        return [f for folder in folders for f in write_frame_pictures(frames[0], pipeline, folder, made_by=made)]
+        (processed,), files = frames, list[Path]()
+        for category in categories[key]:
+            folder = run.folder / "pictures" / category
+            files += write_frame_pictures(
+                processed.reference, processed.image, pipeline, folder, made_by=made, processed=processed
+            )
+        return files
 
     written, problems = draw_images([run], categories, write, card=card, progress=progress)
     return [file for files in written.values() for file in files], problems

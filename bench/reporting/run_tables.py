@@ -23,7 +23,7 @@ from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
 from bench.reporting import formats
-from bench.reporting.document import Cell, Column, Paragraph, Report, Table
+from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Table
 
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
@@ -228,7 +228,8 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
         for name, metric in row.metrics.items()
     ]  # fmt: skip
     table = results_table(rows, title="Results by kind of motion, in percent")
-    return Report(title="", blocks=[table, *map(Paragraph, (legend(rows), *filter(None, notes)))], numbers=numbers)
+    blocks: list[Block] = [table, *map(Paragraph, (legend(rows), *filter(None, notes)))]
+    return Report(title="", blocks=blocks, numbers=pd.DataFrame(numbers, dtype=object))
 
 
 def write_report_files(run: StoredRun) -> tuple[Path, ...]:

@@ -241,7 +241,9 @@ def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_call
     pipeline = Mock()
     pipeline.references.geometry.return_value = cluster()["geometry"]
     pipeline.recording.vehicle_outline_m = cluster()["vehicle_outline_m"]
-    files = write_frame_pictures(processed, pipeline, tmp_path / "pictures", made_by="method own, protocol paper-v1")
+    files = write_frame_pictures(
+        reference, processed.image, pipeline, tmp_path / "pictures", made_by="method own", processed=processed
+    )
     names = ["panels.png", "areas.png", "cluster-.._x_y.png"]
     assert [file.name for file in files] == names
     assert sorted(names) == sorted(file.name for file in (tmp_path / "pictures").iterdir())
