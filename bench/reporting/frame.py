@@ -29,7 +29,7 @@ from shapely import box, get_parts, get_rings
 
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
-from bench.plain_text import plain
+from bench.plain_text import counted, plain
 from bench.records.reference import (
     Category,
     IgnoreReason,
@@ -254,7 +254,7 @@ def reference_layers(
 ) -> Layers:
     """Return the layers of the reference alone, with a note of how many annotated objects are evaluated."""
     evaluated = sum(target.status is Status.EVALUATED for target in reference.objects)
-    note = f"{evaluated} of {len(reference.objects)} annotated objects evaluated"
+    note = f"{evaluated} of {counted(len(reference.objects), 'annotated object')} evaluated"
     return Layers(pixels=pixels, reference=reference, sweep=sweep, label=label, note=note)
 
 

@@ -30,6 +30,7 @@ from bench.harness.datasets import StoredFrames
 from bench.harness.frames import UnscorableFrame
 from bench.harness.stages import Progress
 from bench.harness.stored import StoredRun
+from bench.plain_text import counted
 from bench.recordings import Cuboid, DatasetCard, ImageRef, read_image
 from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import Category, ReferenceFrame, Status
@@ -93,7 +94,7 @@ def write_frame_pictures(
                 polygon=target.polygon,
                 vehicle_outline_m=pipeline.recording.vehicle_outline_m,
                 title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
-                f"{target.points} points",
+                f"{counted(target.points, 'point')}",
                 image_name=name,
             )
     return [file for what, figure in drawn.items() for file in figures.write_picture(folder / what, figure, "png")]

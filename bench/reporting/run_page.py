@@ -135,7 +135,9 @@ def remarks(metrics: Summary) -> Iterator[Paragraph]:
         yield Paragraph(why, "warn")
     images = metrics.images
     if left := images.failed + images.skipped:
-        yield Paragraph(f"{left} of {images.images} images could not be scored; the last section says why.", "bad")
+        yield Paragraph(
+            f"{left} of {counted(images.images, 'image')} could not be scored; the last section says why.", "bad"
+        )
 
 
 # The worst cases.
@@ -186,8 +188,9 @@ def _scored(
 
 def object_facts(row: Row) -> str:
     """What was measured of an evaluated object-frame, a row of `OBJECTS_SCHEMA` with `coverage`."""
+    points = counted(int(row["points"]), "lidar point")
     return (
-        f"{_percent(row['coverage'])} found; {row['range_m']:.1f} m away, {row['points']:.0f} lidar points, "
+        f"{_percent(row['coverage'])} found; {row['range_m']:.1f} m away, {points}, "
         f"{row['region_px']:.0f} px, {_percent(1 - row['region_px'] / row['polygon_px'])} hidden by nearer objects; "
         f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s"
     )
@@ -198,10 +201,8 @@ def image_facts(row: Row) -> str:
     causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
     cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
     most = f", most by {cause.replace('_', ' ')}, {_percent(pixels / max(row['fp_px'], 1))}" if cause else ""
-    return (
-        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches{most}; "
-        f"ego vehicle {row['ego_speed_mps']:.1f} m/s"
-    )
+    patches = "1 patch" if row["fp_components"] == 1 else f"{row['fp_components']} patches"
+    return f"{_percent(row['coverage'])} wrongly marked in {patches}{most}; ego vehicle {row['ego_speed_mps']:.1f} m/s"
 
 
 def _percent(share: float) -> str:

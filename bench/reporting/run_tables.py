@@ -277,8 +277,9 @@ def nothing_scored(summary: RunSummary) -> str:
     if ledger.evaluated or not moving:
         return ""
     return (
-        f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if they surprise "
-        "you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and `fisheye-bench view`"
+        f"no object was scored: {counted(moving, 'moving object-frame')} ignored, for the reasons below; if they "
+        "surprise you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and "
+        "`fisheye-bench view`"
     )
 
 
@@ -292,12 +293,11 @@ def odd_masks(run: StoredRun) -> str:
     )
     if shares.empty or (shares.max() > 0 and shares.min() <= FILLED):
         return ""
+    masks = counted(len(shares), "mask")
     if shares.max() > 0:
-        what = f"each of the {len(shares)} masks marks more than half of the valid pixels; an inverted mask does that"
+        what = f"each of {masks} marks more than half of the valid pixels; an inverted mask does that"
     else:
-        what = (
-            f"none of the {len(shares)} masks marks anything; scores below the threshold, or of another scale, do that"
-        )
+        what = f"none of {masks} marks anything; scores below the threshold, or of another scale, do that"
     return f"{what}: see `fisheye-bench view`"
 
 
