@@ -27,7 +27,7 @@ from bench.errors import UsageError
 from bench.execution import usable_cores
 from bench.methods.learned.inputs import GROUPS
 from bench.recordings import load_card
-from bench.reporting.document import Table, to_csv, to_markdown
+from bench.reporting.document import Table, to_markdown
 from bench.synthesis.production import read_scenario
 from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET, PreparedDrive, prepare
@@ -189,7 +189,7 @@ def main(
             make_folder(folder)
             planned = replace(variant, plan=replace(variant.plan, seed=seed))
             rows.append({"left out": name, "seed": seed, **score(planned, drives, folder)})
-            write_text(out / "ablation.csv", to_csv(rows))
+            write_text(out / "ablation.csv", pd.DataFrame(rows, dtype=object).to_csv(index=False, lineterminator="\n"))
             typer.echo(rows[-1])
     typer.echo(tables(pd.DataFrame(rows)))
 

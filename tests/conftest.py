@@ -79,5 +79,5 @@ def tiny_card(shared: Path) -> Path:
 @pytest.fixture
 def without_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages of this test show no chart, which takes most of their time."""
-    monkeypatch.setattr("bench.reporting.figures.Chart.drawing", lambda chart: Drawing(Markup(f"chart {chart.name}")))
+    monkeypatch.setattr("bench.reporting.figures.drawing", lambda name, *_: Drawing(Markup(f"chart {name}")))
     monkeypatch.setattr("bench.reporting.figures.write_picture", lambda *_, **__: ())

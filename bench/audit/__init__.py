@@ -14,24 +14,19 @@ Source: the aims are the project's; the split into causes follows section III of
 constraint says what it cannot see.
 """
 
-from bench.audit.causes import ExplainedImage, FalseCause, MissCause, explain_image
+from bench.audit.causes import FalseCause, MissCause
 from bench.audit.polygons import Compensation
 from bench.audit.run import ALL, AUDIT, AuditSummary, PolygonFigures, Quartiles, Scoring, run_audit
-from bench.audit.sources import AuditSource, audit_sources
 
 __all__ = [
     "ALL",
     "AUDIT",
-    "AuditSource",
     "AuditSummary",
     "Compensation",
-    "ExplainedImage",
     "FalseCause",
     "MissCause",
     "PolygonFigures",
     "Quartiles",
     "Scoring",
-    "audit_sources",
-    "explain_image",
     "run_audit",
 ]

@@ -18,12 +18,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from bench.audit.sources import AuditSource, instance_ids
+from bench.audit.sources import AuditSource
 from bench.cameras import ray_grid
-from bench.evaluation import Protocol
 from bench.evaluation.rows import IMAGE, IMAGE_COLUMNS, Row
-from bench.harness.exact import moving_instances
-from bench.harness.frames import FramePipeline
 from bench.methods import FlowMethod, MethodInput, Segmentation, ask_method
 from bench.methods.two_views import flow_rays
 from bench.recordings import MountedCamera
@@ -294,51 +291,3 @@ def _counted(causes: NDArray[np.int64], kinds: type[StrEnum]) -> Row:
 def _median(values: NDArray[np.float64]) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ExplainedImage:
-    """An image and its cells.
-
-    Attributes:
-        pixels: (H, W) grey uint8.
-        cell_size_px: side of a cell.
-        hit: (rows, columns) bool, cells of evaluated objects that are found.
-        missed: by cause, (rows, columns) bool.
-        flagged: by cause, (rows, columns) bool.
-    """
-
-    pixels: NDArray[np.uint8]
-    cell_size_px: int
-    hit: NDArray[np.bool_]
-    missed: dict[MissCause, NDArray[np.bool_]]
-    flagged: dict[FalseCause, NDArray[np.bool_]]
-
-
-def explain_image(
-    source: AuditSource, *, camera: str, timestamp_ns: int, method: FlowMethod, protocol: Protocol
-) -> ExplainedImage:
-    """Explain one image of a recording that can be simulated, as the audit did.
-
-    Raises:
-        DataError: something of the recording cannot be read.
-    """
-    assert source.exact is not None, "the recording can be simulated"
-    recording, true_camera = source.recorded.open(), source.exact.open().cameras[camera]
-    pipeline = FramePipeline(recording, camera, method=method, protocol=protocol)
-    index = [image.timestamp_ns for image in pipeline.images].index(timestamp_ns)
-    runner = ExactRunner(source, true_camera, valid=pipeline.references.valid, method=method)
-    given, reference = pipeline.method_input(index), pipeline.reference(index)
-    runs = runner.run(given, moving=moving_instances(recording, reference))
-    instance_of, marked = instance_ids(recording), runs.evidence.by_recorded
-    evaluated = [instance_of[item.track_id] for item in reference.objects if item.status is Status.EVALUATED]
-    own = runs.shown & np.isin(runs.instance_ids, evaluated)
-    missed, false = own & ~marked, runs.shown & ~runs.evidence.moving & marked
-    why_missed, why_false = miss_causes(runs.evidence), false_causes(runs.evidence, cell_size_px=runs.cell_size_px)
-    return ExplainedImage(
-        pixels=given.images[-1],
-        cell_size_px=runs.cell_size_px,
-        hit=own & marked,
-        missed={cause: missed & (why_missed == number) for number, cause in enumerate(MissCause)},
-        flagged={cause: false & (why_false == number) for number, cause in enumerate(FalseCause)},
-    )

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.commands import console, options
-from bench.commands.command import Flag, Place
+from bench.commands.command import Place
 from bench.commands.console import Report
 from bench.errors import UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.audit import AuditSummary
@@ -28,7 +29,7 @@ class Audit:
     Attributes:
         folder: where it is stored.
         summary: all that was found, as it is stored in JSON; `failures` says what could not be used.
-        files: that were written, pictures included.
+        files: that were written.
     """
 
     folder: Path
@@ -41,12 +42,11 @@ def audit_reference(
     method: options.MethodName = "spherical",
     *,
     settings: options.Settings = None,
-    protocol: options.Protocol = "paper-v1",
+    protocol: options.Protocol = "surface-v1",
     split: options.Split = None,
     out: Place = None,
     recordings: Annotated[int | None, typer.Option()] = None,
     workers: options.Workers = 1,
-    pictures: Flag = True,
     progress: Report | None = None,
 ) -> Audit:
     """Compare lidar polygons with exact masks of a rendered data set, and find why a method errs.
@@ -62,7 +62,6 @@ def audit_reference(
         out: folder of the audit; default: reports/audit/<data set>.
         recordings: number of recordings, spread over the split; default: all.
         workers: processes, or an executor.
-        pictures: draw why cells are missed and falsely marked.
         progress: called with the recordings done and their number.
 
     Raises:
@@ -74,10 +73,10 @@ def audit_reference(
         fisheye-bench audit demo
     """
     from bench.atomic import output_folder
-    from bench.audit import AUDIT, audit_sources, run_audit
+    from bench.audit import AUDIT, run_audit
     from bench.evaluation import load_protocol
-    from bench.methods import FlowMethod, build_method
-    from bench.reporting.audit import write_cause_pictures, write_tables
+    from bench.methods import build_method
+    from bench.reporting.audit import write_tables
 
     if recordings is not None and recordings < 1:
         raise UsageError(f"--recordings: expected at least 1, got {recordings}")
@@ -92,7 +91,7 @@ def audit_reference(
             console.interruptible(LEFT),
             console.progress_bar(f"auditing {card.name}", "recordings", progress) as report,
         ):
-            found, rows = run_audit(
+            found, _ = run_audit(
                 card,
                 method=built,
                 protocol=rules,
@@ -102,11 +101,7 @@ def audit_reference(
                 executor=executor,
                 progress=report,
             )
-    files = [folder / AUDIT, write_tables(folder, found)]
-    if pictures and isinstance(built, FlowMethod):
-        sources = {source.recorded.name: source for source in audit_sources(card, split=split, recordings=recordings)}
-        files += write_cause_pictures(folder, rows.tables["misses"], sources=sources, method=built, protocol=rules)
-    return Audit(folder=folder, summary=found, files=tuple(files))
+    return Audit(folder=folder, summary=found, files=(folder / AUDIT, write_tables(folder, found)))
 
 
 def audit_folder(card: DatasetCard, out: str | Path | None) -> Path:
@@ -120,7 +115,8 @@ def show(audit: Audit) -> int:
 
     summary, made = audit.summary, audit.summary.provenance
     console.print_blocks(audit_tables(summary))
-    console.say(f"{made.images} images of {summary.recordings} recordings in {made.seconds:.1f} s")
+    images, recordings = counted(made.images, "image"), counted(summary.recordings, "recording")
+    console.say(f"{images} of {recordings} in {made.seconds:.1f} s")
     if summary.left_out:
         console.say(f"without exact flow: {summary.left_out}")
     console.print_failures(summary.failures, all_in="audit.json")

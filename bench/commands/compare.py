@@ -11,6 +11,7 @@ import typer
 from bench.commands.command import TEXT, Flag, Words
 from bench.commands.console import Report, note_files, print_blocks, progress_bar, say
 from bench.commands.run import Run, run_folder
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     from bench.reporting.compare import RunComparison
@@ -33,7 +34,14 @@ class Comparison:
 
 
 def compare(
-    *runs: Annotated[str | Path | Run, typer.Argument(), TEXT],
+    *runs: Annotated[
+        str | Path | Run,
+        typer.Argument(
+            help="Folders of two or more runs; each is compared with the first. A run's folder stands for its results "
+            "by surface-v1."
+        ),
+        TEXT,
+    ],
     out: Annotated[str | Path | None, typer.Option(show_default=False), Words(Path, default=USUAL)] = None,
     pictures: Flag = True,
     progress: Report | None = None,
@@ -41,8 +49,7 @@ def compare(
     """Compare runs in pairs: differences with intervals, object-frames gained and lost, pictures of the largest.
 
     Args:
-        runs: stored runs or their folders, two or more; each is compared with the first. The folder of a run stands
-            for its results by surface-v1.
+        runs: stored runs or their folders, two or more.
         out: folder of the report; default: reports/runs/compare-<run>-<run>; from Python none.
         pictures: draw the images that changed most; needs the data set.
         progress: called with the pictures done and their number, for each pair anew.
@@ -55,11 +62,11 @@ def compare(
         fisheye-bench compare reports/runs/demo-spherical reports/runs/demo-frame-difference
     """
     from bench.harness.stored import run_name
-    from bench.reporting.compare import compare_runs, read_comparable, write_comparison
+    from bench.reporting.compare import compare_runs, write_comparison
 
     folders = [run_folder(run) for run in runs]
     if out is None:
-        return Comparison(pairs=tuple(compare_runs(read_comparable(folders))))
+        return Comparison(pairs=tuple(compare_runs(folders)))
     if out == USUAL:
         out = USUAL.with_name(f"compare-{'-'.join(map(run_name, folders))}")
     with progress_bar("drawing what changed", "pictures", progress) as drawn:
@@ -76,7 +83,7 @@ def show(compared: Comparison) -> None:
         print_blocks(terminal_report(comparison))
         counts = comparison.detections.iloc[-1]
         found = f"detected by {found_by(comparison.before.protocol)}"
-        say(f"{counts.object_frames} object-frames, {found}: {counts.before} before, {counts.after} after; "
+        say(f"{counted(counts.object_frames, 'object-frame')}, {found}: {counts.before} before, {counts.after} after; "
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
         for told in comparison.notes:
             say(told)

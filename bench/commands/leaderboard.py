@@ -21,7 +21,7 @@ class LeaderboardReport:
     """All runs of a folder, ranked.
 
     Attributes:
-        found: `groups` of runs that compare, each with its `entries`, best first; and what could not be read.
+        found: `groups` of runs that compare, each with its `entries`, best first; the other runs are `not_ranked`.
         files: that were written, the page first.
     """
 
@@ -56,11 +56,11 @@ def leaderboard(
 
 
 def show(ranked: LeaderboardReport) -> int:
-    """Print the tables, what is damaged, and the files."""
+    """Print the tables, which runs are in none and why, and the files."""
     from bench.reporting.leaderboard import leaderboard_tables
 
     print_blocks(leaderboard_tables(ranked.found))
-    for run, fault in ranked.found.damaged:
-        say(f"damaged: {run}: {fault}", style="red")
+    for run, reason in ranked.found.not_ranked:
+        say(f"not ranked: {run}: {reason}", style="red")
     note_files(ranked.files)
-    return FAILURES if ranked.found.damaged else 0
+    return FAILURES if ranked.found.not_ranked else 0

@@ -54,7 +54,7 @@ def new(
 
     Args:
         kind: what to begin.
-        name: letters, digits, - and _, for example my-method.
+        name: letters, digits, - and _, such as my_method, my-data or my_format.
 
     Raises:
         UsageError: a name that cannot be one of a module, or that the files use for something else.

@@ -88,7 +88,7 @@ InputErrors = Annotated[
     ),
     _settings("--input-error"),
 ]
-RULES = "paper-v1, surface-v1, extended-v1, masks-v1, or a YAML file"
+RULES = "surface-v1, paper-v1, extended-v1, masks-v1, or a YAML file"
 Protocol = Annotated["str | Path", typer.Option(help=f"{RULES}."), TEXT]
 Protocols = Annotated["str | Path", typer.Option("--protocol", help=f"{RULES}; separate several by commas."), TEXT]
 Split = Annotated[

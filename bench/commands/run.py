@@ -344,7 +344,7 @@ def show(scored: Run) -> int:
     if part is None:
         return print_runs(scored)
     done = sum(not outcome.failure for outcome in part.tasks.values())
-    of_part = f"{done} of the {len(part.tasks)} tasks of this part are done in {scored.folder}"
+    of_part = f"{done} of {counted(len(part.tasks), 'task')} of this part done in {scored.folder}"
     console.say(f"{of_part}, of {part.tasks_of_run} in all")
     console.say("next, when all parts are done: the same command without --shard")
     _print_cost(part.provenance(images=0))
@@ -364,6 +364,7 @@ def print_runs(first: Run) -> int:
     from bench.reporting.document import Paragraph
 
     runs, images, manifest = (first, *first.others), first.summary.images, first.manifest
+    all_rows: list[run_tables.TableRow] = []
     if images.failed and images.failed == images.images - images.skipped:
         console.say(f"{manifest.method.name} failed on all {counted(images.failed, 'image')}", style="bold red")
         _print_failures(first, first.summary.failures[:1])
@@ -375,11 +376,12 @@ def print_runs(first: Run) -> int:
         purpose = PURPOSES.get(manifest.protocol.name)
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"
         rows = run_tables.table_rows(summary, beside_paper=run_tables.is_rendered(manifest.dataset.card))
+        all_rows += rows
         beside = "; beside the paper" if any(row.paper for row in rows) else ""
         console.print_blocks([run_tables.results_table(rows, title=f"{told}{beside}, in percent", short=True)])
         for line in run_tables.total_lines(summary, run.stored.protocol):
             console.note(line)
-    console.print_blocks([Paragraph(run_tables.legend(rows), "dim")])
+    console.print_blocks([Paragraph(run_tables.legend(all_rows, short=True), "dim")])
     _print_cost(first.summary.provenance)
     failures = [*dict.fromkeys(failure for run in runs for failure in run.summary.failures)]
     _print_failures(first, failures)

@@ -18,7 +18,7 @@ from bench.errors import UsageError
 from bench.plain_text import counted
 
 if TYPE_CHECKING:
-    from bench.reporting.document import Table
+    from bench.reporting import document
 
 SWEEPS = Path("reports/sweeps")
 
@@ -30,13 +30,13 @@ class Sweep:
     Attributes:
         folder: where they are, each in a folder named after its value.
         runs: by value.
-        table: the headline metrics, a row for each value.
-        files: of the sweep: table and chart.
+        report: the headline metrics; `numbers` has a row for each value, as a table of pandas.
+        files: of the report.
     """
 
     folder: Path
     runs: Mapping[str, Run]
-    table: Table
+    report: document.Report
     files: tuple[Path, ...]
 
 
@@ -70,7 +70,7 @@ def sweep(
     input_errors: Annotated[
         Mapping[str, object] | None, typer.Option("--input-error", metavar="NAME=VALUE,..."), _values("--input-error")
     ] = None,
-    protocol: options.Protocol = "paper-v1",
+    protocol: options.Protocol = "surface-v1",
     split: options.Split = None,
     out: Place = None,
     overwrite: Flag = False,
@@ -107,7 +107,7 @@ def sweep(
     from bench.execution import part_of
     from bench.harness import run_benchmark
     from bench.harness.references import cache_folder
-    from bench.reporting.run_tables import METHOD_ONLY, sweep_table, write_report_files, write_sweep
+    from bench.reporting.run_tables import METHOD_ONLY, sweep_report, write_report_files
 
     if "," in str(protocol):
         raise UsageError(f"sweep: expected one protocol, got {protocol!r}")
@@ -126,20 +126,20 @@ def sweep(
     runs = dict[str, Run]()
     with output_folder(folder), options.as_executor(workers) as executor:  # of all values, so that workers start once
         options.rendered_card(card, split, executor=executor)
-        title = f"scoring {len(requests)} values of {setting}"
+        title = f"scoring {counted(len(requests), 'value')} of {setting}"
         with console.resumable(folder), console.progress_bar(title, "values", progress) as report:
             for number, (value, request) in enumerate(requests.items()):
                 asked = replace(request, folder=folder / _folder_name(value), flow_cache=cache_folder() / "flow")
                 part = part_of(report, number=number, total=len(requests))
                 (stored,) = run_benchmark(asked, executor=executor, progress=part, finish=write_report_files)
                 runs[value] = Run(folder=stored.folder)
-    shown = {
-        "title": f"{setting} of {name} on {card.name} by {rules.name}",
-        "note": METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else "",
-    }
-    summaries = {value: run.summary for value, run in runs.items()}
-    files = write_sweep(folder, setting, summaries, **shown)
-    return Sweep(folder=folder, runs=runs, table=sweep_table(setting, summaries, **shown), files=files)
+    told = sweep_report(
+        setting,
+        {value: run.summary for value, run in runs.items()},
+        title=f"{setting} of {name} on {card.name} by {rules.name}",
+        note=METHOD_ONLY if any(request.input_errors.named for request in requests.values()) else "",
+    )
+    return Sweep(folder=folder, runs=runs, report=told, files=told.write(folder, "sweep"))
 
 
 def _combinations(
@@ -178,10 +178,11 @@ def _folder_name(value: str) -> str:
 
 def show(swept: Sweep) -> int:
     """Print the table, what failed, and the files."""
-    console.print_blocks([swept.table])
+    console.say(swept.report.title, style="bold")
+    console.print_blocks(swept.report.blocks)
     failures = [f"{value}: {failure}" for value, run in swept.runs.items() for failure in run.summary.failures]
     console.print_failures(failures, all_in=f"the summary.json of each value in {swept.folder}")
     asked = sum(run.summary.provenance.images_asked for run in swept.runs.values())
-    console.note(f"{len(swept.runs)} values; {counted(asked, 'image')} answered, the others were there")
+    console.note(f"{counted(len(swept.runs), 'value')}; {counted(asked, 'image')} answered, the others were there")
     console.note_files(swept.files)
     return console.FAILURES if failures else 0

@@ -47,7 +47,7 @@ def view(
     time_ns: Annotated[int | None, typer.Option()] = None,
     method: Annotated[str | Scorable | None, typer.Option(), TEXT] = None,
     settings: options.Settings = None,
-    protocol: options.Protocol = "paper-v1",
+    protocol: options.Protocol = "surface-v1",
     out: Place = None,
     video: Place = None,
     rrd: Place = None,
@@ -159,7 +159,7 @@ def _draw(
     """
     from bench.harness.frames import UnscorableFrame
     from bench.reporting.formats import file_name
-    from bench.reporting.frame_pictures import write_frame_pictures, write_reference_pictures
+    from bench.reporting.frame_pictures import write_frame_pictures
 
     named = usual / f"{file_name(pipeline.recording.name)}-{file_name(pipeline.camera.name)}"
     alone, files, remarks = len(indices) == 1, list[Path](), list[str]()
@@ -167,19 +167,16 @@ def _draw(
         name = f"{index:06d}-{file_name(pipeline.images[index].path.stem)}"
         place = out if out is not None and alone else (out or named) / name
         try:
-            if with_method:
-                processed = pipeline.process(index)
-                objects = processed.reference.objects
-                files += write_frame_pictures(processed, pipeline, place, made_by=made_by)
-            else:
-                objects = pipeline.reference(index).objects
-                files += write_reference_pictures(pipeline, index, place, made_by=made_by)
+            processed = pipeline.process(index) if with_method else None
+            reference = pipeline.reference(index) if processed is None else processed.reference
+            image = pipeline.images[index]
+            files += write_frame_pictures(reference, image, pipeline, place, made_by=made_by, processed=processed)
         except UnscorableFrame as reason:
             if alone:
                 raise UsageError(f"this frame has no score: {reason}") from reason
             remarks.append(f"left out: {reason}")
             continue
-        not_scored = [_not_scored(target) for target in objects if target.status != "evaluated"]
+        not_scored = [_not_scored(target) for target in reference.objects if target.status != "evaluated"]
         remarks += [text if alone else f"{name}: {text}" for text in not_scored]
     return View(files=tuple(files), remarks=tuple(remarks))
 

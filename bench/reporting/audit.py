@@ -1,41 +1,27 @@
-"""An audit for people: its tables for terminal and Markdown, and pictures of causes.
-
-Each table has a note that says how to read it.
-"""
+"""An audit for people: its tables for terminal and Markdown; each has a note that says how to read it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
-import pyarrow as pa
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from bench.atomic import write_text
 from bench.audit import (
     ALL,
-    AuditSource,
     AuditSummary,
     Compensation,
-    ExplainedImage,
     FalseCause,
     MissCause,
     PolygonFigures,
     Quartiles,
     Scoring,
-    explain_image,
 )
-from bench.evaluation import Metric, Protocol, find_metric
-from bench.methods import FlowMethod
-from bench.reporting import figures
+from bench.evaluation import Metric, find_metric
+from bench.plain_text import counted
 from bench.reporting.document import Block, Column, Heading, Paragraph, Table, to_markdown
 from bench.reporting.formats import INTERVALS, LABELS, hundredths, short_interval
-from bench.reporting.frame import faded, overlay_areas, show_image
 from bench.reporting.run_tables import COVERAGES
 
 COMPENSATIONS = {
@@ -148,23 +134,22 @@ def _interval(metric: Metric) -> str:
     return f"{hundredths(metric.value)} {short_interval(metric.ci95)}".rstrip()
 
 
-# Each cause with its name and its colour in pictures.
 MISSES = {
-    MissCause.NEAR_EPIPOLE: ("blind: at the epipole", figures.BLACK),
-    MissCause.ENTERED: ("blind: just entered", figures.GREY),
-    MissCause.ABOVE_HORIZON: ("blind: above horizon", figures.BLUE),
-    MissCause.BELOW_THRESHOLD: ("blind: below threshold", figures.SKY_BLUE),
-    MissCause.UNCOVERED: ("flow: hidden before", figures.ORANGE),
-    MissCause.FLOW: ("flow", figures.VERMILION),
-    MissCause.EGO_MOTION: ("ego-motion, calibration", figures.PURPLE),
+    MissCause.NEAR_EPIPOLE: "blind: at the epipole",
+    MissCause.ENTERED: "blind: just entered",
+    MissCause.ABOVE_HORIZON: "blind: above horizon",
+    MissCause.BELOW_THRESHOLD: "blind: below threshold",
+    MissCause.UNCOVERED: "flow: hidden before",
+    MissCause.FLOW: "flow",
+    MissCause.EGO_MOTION: "ego-motion, calibration",
 }
 FALSE_ALARMS = {
-    FalseCause.ANTI_PARALLEL: ("method: anti-parallel", figures.YELLOW),
-    FalseCause.OTHER_CONSTRAINT: ("method: other constraint", figures.SKY_BLUE),
-    FalseCause.UNCOVERED: ("flow: hidden before", figures.GREY),
-    FalseCause.BESIDE_OBJECT: ("flow: beside a moving object", figures.ORANGE),
-    FalseCause.FLOW: ("flow: elsewhere", figures.VERMILION),
-    FalseCause.EGO_MOTION: ("ego-motion, calibration", figures.PURPLE),
+    FalseCause.ANTI_PARALLEL: "method: anti-parallel",
+    FalseCause.OTHER_CONSTRAINT: "method: other constraint",
+    FalseCause.UNCOVERED: "flow: hidden before",
+    FalseCause.BESIDE_OBJECT: "flow: beside a moving object",
+    FalseCause.FLOW: "flow: elsewhere",
+    FalseCause.EGO_MOTION: "ego-motion, calibration",
 }
 
 
@@ -177,7 +162,7 @@ def miss_table(audit: AuditSummary) -> Table:
         for row in audit.misses
         if row.cells
     ]  # fmt: skip
-    head = ["Type", "Frames", "Cells", "Found %", "by error %", *(name for name, _ in MISSES.values())]
+    head = ["Type", "Frames", "Cells", "Found %", "by error %", *MISSES.values()]
     return Table(
         title="Why cells of moving objects are missed, in percent of the missed ones",
         columns=[*head, Column("flow error px", decimal)],
@@ -194,7 +179,7 @@ def false_alarm_table(audit: AuditSummary) -> Table:
     row = audit.false_alarms
     assert row is not None, "asked for only where there is exact flow"
     shares = [share(row.causes[cause], row.wrong) for cause in FALSE_ALARMS]
-    head = ["Images", "Cells", "Flagged %", *(name for name, _ in FALSE_ALARMS.values())]
+    head = ["Images", "Cells", "Flagged %", *FALSE_ALARMS.values()]
     return Table(
         title="Why cells of the static world are flagged, in percent of the flagged ones",
         columns=[*head, Column("flow error px", decimal)],
@@ -224,83 +209,10 @@ def write_tables(folder: Path, audit: AuditSummary) -> Path:
     """Write all tables with their notes as `audit.md` beside `audit.json`, which has the numbers."""
     method = audit.method.name
     about = (
-        f"{audit.recordings} recordings, protocol {audit.protocol.name}, method {method}. {audit.not_seen} evaluated "
-        "object-frames of which the camera sees no pixel are in none of the metrics."
+        f"{counted(audit.recordings, 'recording')}, protocol {audit.protocol.name}, method {method}. Evaluated "
+        f"object-frames of which the camera sees no pixel ({audit.not_seen}) are in none of the metrics."
     )
     left_out = [Paragraph(f"Without exact flow: {audit.left_out}.")] if audit.left_out else []
     title = Heading(f"Audit of {audit.dataset}: lidar reference and {method}", 1)
     write_text(folder / "audit.md", to_markdown([title, Paragraph(about), *left_out, *sections(audit_tables(audit))]))
     return folder / "audit.md"
-
-
-# The pictures.
-
-_CAUSE_IN, _CAUSE_BELOW_IN, _TINT = 3.6, 0.75, 0.65
-
-
-def write_cause_pictures(
-    folder: Path,
-    misses: pa.Table,
-    *,
-    sources: Mapping[str, AuditSource],
-    method: FlowMethod,
-    protocol: Protocol,
-) -> tuple[Path, ...]:
-    """Write `causes-<category>.png` and `.svg` for every kind of motion that has missed cells.
-
-    Args:
-        folder: of the audit.
-        misses: its rows.
-        sources: recordings by name.
-        method: that was audited.
-        protocol: of the audit.
-    """
-    files: list[Path] = []
-    for category, (recording, camera, timestamp_ns) in worst_images(misses).items():
-        explained = explain_image(
-            sources[recording], camera=camera, timestamp_ns=timestamp_ns, method=method, protocol=protocol
-        )
-        title = f"{category.replace('_', ' ')}: {recording}, {timestamp_ns / 1e9:.3f} s"
-        files += figures.write_picture(folder / f"causes-{category}", draw_causes(explained, title=title))
-    return tuple(files)
-
-
-def worst_images(misses: pa.Table) -> dict[str, tuple[str, str, int]]:
-    """By category, recording, camera and time of the object-frame with most missed cells; ties go to the first."""
-    rows = misses.to_pandas()
-    rows["missed"] = rows["cells"] - rows["hit"]
-    order = ["missed", "recording", "camera", "timestamp_ns", "track_id"]
-    rows = rows[rows["missed"] > 0].sort_values(order, ascending=[False, *[True] * 4])
-    first = rows.drop_duplicates("category").sort_values("category")
-    keys = first[["category", "recording", "camera", "timestamp_ns"]].itertuples(index=False, name=None)
-    return {str(name): (str(recording), str(camera), int(time_ns)) for name, recording, camera, time_ns in keys}
-
-
-@figures.styled
-def draw_causes(explained: ExplainedImage, *, title: str) -> Figure:
-    """Draw the moving objects' cells on the left, the false alarms on the right, each in the colour of its cause."""
-    height, width = explained.pixels.shape[:2]
-    figure = figures.new_figure(2 * _CAUSE_IN, _CAUSE_IN * height / width + _CAUSE_BELOW_IN, layout="constrained")
-    left = [("found", figures.GREEN, explained.hit)]
-    left += [(*shown, explained.missed[cause]) for cause, shown in MISSES.items()]
-    right = [(*shown, explained.flagged[cause]) for cause, shown in FALSE_ALARMS.items()]
-    panels = figure.subplots(1, 2)
-    for axes, heading, layers in zip(panels, ("moving objects", "static world"), (left, right), strict=True):
-        areas = {colour: _pixels(cells, explained) for _, colour, cells in layers}
-        show_image(axes, overlay_areas(faded(explained.pixels, 0.8), areas, strength=_TINT))
-        axes.set_title(f"{title}, {heading}", pad=3, fontsize=7)
-        handles = [
-            Patch(facecolor=colour, edgecolor=figures.BLACK, linewidth=0.3, label=f"{name} ({np.count_nonzero(cells)})")
-            for name, colour, cells in layers
-            if cells.any()
-        ]
-        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.01), ncols=2, frameon=False,
-                    fontsize=6, handlelength=1.2, columnspacing=1.0)  # fmt: skip
-    return figure
-
-
-def _pixels(cells: NDArray[np.bool_], explained: ExplainedImage) -> NDArray[np.bool_]:
-    """(H, W) bool, the pixels of cells."""
-    height, width = explained.pixels.shape[:2]
-    every: NDArray[np.bool_] = np.kron(cells, np.ones((explained.cell_size_px, explained.cell_size_px), dtype=bool))
-    return every[:height, :width]

@@ -2,17 +2,17 @@
 
 Only runs of the same data set, split and protocol are compared, on the images that they scored in common, and only if
 their references agree on these. The first run is the one compared against. The metrics are those of
-`bench.evaluation.comparison`, as one table; a verdict is read off each row of it. A comparison is written as a page,
-Markdown, CSV, and pictures of what changed most.
+`bench.evaluation.comparison`, as one table; a verdict is read off each row of it. A comparison is written as a page
+with pictures of what changed most, Markdown and CSV.
 """
 
 from __future__ import annotations
 
 import math
 import os
-import re
+from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from bench.atomic import write_bytes
 from bench.errors import UsageError
 from bench.evaluation import changes_in_parts, compare_sums, find_metric, headlines, holm
 from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
@@ -34,27 +33,22 @@ from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
 from bench.harness.digests import short_digest
 from bench.harness.manifest import Aspect, Manifest, all_settings, differences
 from bench.harness.stored import reference_digest, refuse_unscored
+from bench.plain_text import counted
 from bench.reporting import formats
-from bench.reporting.document import Bar, Block, Cell, Column, Group, Heads, Paragraph, Picture, Report, Style, Table
-
-
-def read_comparable(folders: Sequence[Path]) -> list[StoredRun]:
-    """Read runs of the same data and protocol; of equal names those from the second on get a number.
-
-    Raises:
-        DataError: a run is damaged.
-        UsageError: fewer than two runs, or runs of different data, split or protocol.
-    """
-    if len(folders) < 2:
-        raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
-    runs: list[StoredRun] = []
-    for run in map(read_run, folders):
-        same = sum(run.label == other.label.partition(" (")[0] for other in runs)
-        runs.append(replace(run, label=f"{run.label} ({same + 1})") if same else run)
-        for difference in differences(runs[0].manifest, run.manifest):
-            if not difference.comparable:
-                raise UsageError(f"{runs[0].folder} and {run.folder} do not compare: {difference}")
-    return runs
+from bench.reporting.document import (
+    Bar,
+    Block,
+    Cell,
+    Column,
+    Group,
+    Heads,
+    Paragraph,
+    Picture,
+    Report,
+    Style,
+    Table,
+    section,
+)
 
 
 def differing_settings(manifests: Sequence[Manifest], *, hidden: Collection[str] = ()) -> list[dict[str, object]]:
@@ -116,8 +110,9 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
         if reference_of(first) != reference_of(second):
             raise UsageError(
-                f"{refused}their references differ on the {common} images that both scored: annotations, other data or "
-                "the code that builds references changed; run both again, on the same data with one version"
+                f"{refused}their references differ on the {counted(common, 'image')} that both scored: annotations, "
+                "other data or the code that builds references changed; run both again, on the same data with one "
+                "version"
             )
     return first, second
 
@@ -297,7 +292,7 @@ class RunComparison:
         detections: gained and lost, by category and of all, as `changed_objects` gives them.
         frames: those that changed most, columns `CHANGED`.
         notes: what a reader should know: on how many images the runs are compared, whether the data's files differ.
-        pictures: of some of the frames, by the name of the file the row of `frames`.
+        pictures: of the frames that changed most of each kind.
         remarks: why other pictures could not be made.
     """
 
@@ -309,7 +304,7 @@ class RunComparison:
     detections: pd.DataFrame
     frames: pd.DataFrame
     notes: tuple[str, ...]
-    pictures: Mapping[str, Mapping[Any, Any]] = field(default_factory=dict)
+    pictures: tuple[Picture, ...] = ()
     remarks: tuple[str, ...] = ()
 
     @property
@@ -318,13 +313,24 @@ class RunComparison:
         return self.changes.drop(CATEGORY, level="breakdown").droplevel(["breakdown", "slice"])
 
 
-def compare_runs(runs: Sequence[StoredRun]) -> list[RunComparison]:
+def compare_runs(folders: Sequence[Path]) -> list[RunComparison]:
     """Compare the first of several runs with each of the others, on the images that both scored.
 
+    Runs of equal names get a number from the second on.
+
     Raises:
-        DataError: a table is damaged.
-        UsageError: no image was scored by both, or the references differ on these.
+        DataError: a run or a table of it is damaged.
+        UsageError: fewer than two runs, or runs of different data, split, protocol or reference, or no common image.
     """
+    if len(folders) < 2:
+        raise UsageError(f"compare: expected at least two runs, got {len(folders)}")
+    runs: list[StoredRun] = []
+    for run in map(read_run, folders):
+        same = sum(run.label == other.label.partition(" (")[0] for other in runs)
+        runs.append(replace(run, label=f"{run.label} ({same + 1})") if same else run)
+        for difference in differences(runs[0].manifest, run.manifest):
+            if not difference.comparable:
+                raise UsageError(f"{runs[0].folder} and {run.folder} do not compare: {difference}")
     return [_compare(runs[0], other) for other in runs[1:]]
 
 
@@ -357,7 +363,7 @@ def _called(method: str, settings: Mapping[str, object]) -> str:
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:
     scored = f": {before.label} scored {images[0]}, {after.label} {images[1]}" if len(set(images)) > 1 else ""
-    notes = [f"Compared on the {images[2]} images that both scored{scored}."]
+    notes = [f"Compared on the {counted(images[2], 'image')} that both scored{scored}."]
     notes += dict.fromkeys(run.summary.unreviewed for run in (before, after) if run.summary.unreviewed)
     changed = differences(before.manifest, after.manifest)
     if any(difference.aspect is Aspect.DATA for difference in changed):
@@ -434,13 +440,12 @@ def _pair(comparison: RunComparison, out: Path) -> Iterator[Block]:
     ]
     yield Table(columns=["", "", ""], rows=rows, words=3, look="about")
     yield from map(Paragraph, comparison.notes)
-    titles = {name: frame_title(frame) for name, frame in comparison.pictures.items()}
-    pictures = [Picture(f"pictures/{name}", title, title) for name, title in titles.items()]
-    yield Group(look="pairs", blocks=pictures[:FIRST_PICTURES])
+    first, others = comparison.pictures[:FIRST_PICTURES], comparison.pictures[FIRST_PICTURES:]
+    yield Group(look="pairs", blocks=first)
     yield _headline_table(comparison)
-    if pictures[FIRST_PICTURES:]:
-        more = Group(look="pairs", blocks=pictures[FIRST_PICTURES:])
-        yield Group(look="folded", title=f"{len(pictures) - FIRST_PICTURES} more pictures", blocks=[more])
+    if others:
+        more = Group(look="pairs", blocks=others)
+        yield Group(look="folded", title=counted(len(others), "more picture"), blocks=[more])
     for table in (_recording_table(comparison), _detection_table(comparison), _frame_table(comparison.frames)):
         yield Group(look="folded", title=table.title, blocks=[replace(table, title="")])
     yield from (Paragraph(remark, "dim") for remark in comparison.remarks)
@@ -542,13 +547,11 @@ def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
         f"Data set {data.name}, {data.split or 'all recordings'}, protocol {first.protocol.name} "
         f"({short_digest(first.protocol.digest)}), reference {short_digest(str(first.reference))}."
     )
-    sections = [
-        Group(look="section", name=f"pair-{number}",
-              title=f"{pair.after.label} against {pair.before.label}" if comparisons[1:] else "What is shown",
-              blocks=[*_pair(pair, out)])
-        for number, pair in enumerate(comparisons, start=1)
-    ]  # fmt: skip
-    how = Group(look="section", name="how", title="How to read it", blocks=[Paragraph(about), Paragraph(NOTE)])
+    sections = []
+    for number, pair in enumerate(comparisons, start=1):
+        title = f"{pair.after.label} against {pair.before.label}" if comparisons[1:] else "What is shown"
+        sections.append(section(f"pair-{number}", title, _pair(pair, out)))
+    how = section("how", "How to read it", [Paragraph(about), Paragraph(NOTE)])
     tables = {(c.before.label, c.after.label): _numbers(c) for c in comparisons}
     return Report(
         title=f"{', '.join(c.after.label for c in comparisons)} against {comparisons[0].before.label}",
@@ -569,50 +572,38 @@ def _numbers(comparison: RunComparison) -> pd.DataFrame:
 
 
 PICTURED = 2  # frames of each kind
-_PICTURE_NAME = re.compile(r"\d\d-\d\d-[a-z-]+\.jpg")
 
 
-def _draw_changed_frames(
-    comparison: RunComparison, folder: Path, *, number: int, progress: Progress | None
-) -> RunComparison:
-    """Draw the frames that changed most as both methods were scored on them.
+def _with_pictures(comparison: RunComparison, progress: Progress | None) -> RunComparison:
+    """The comparison with pictures of the frames that changed most, as both methods were scored on them.
 
-    Args:
-        comparison: of two runs.
-        folder: of the pictures.
-        number: of the comparison, for the names of the files.
-        progress: called with the pictures done and their number.
-
-    Returns:
-        The comparison with the pictures, and with a line for every reason why one could not be made.
+    A line of its remarks gives each reason why one could not be made.
     """
-    from bench.reporting import figures, frame_pictures  # matplotlib, which a table need not wait for
+    from bench.reporting.figures import figure_uri  # matplotlib, which a table need not wait for
     from bench.reporting.frame import draw_frames, scored_layers
+    from bench.reporting.frame_pictures import draw_images
 
-    chosen: dict[tuple[str, str, int], dict[str, Mapping[Any, Any]]] = {}  # by image and name
-    largest = comparison.frames.groupby("kind", sort=False).head(PICTURED).to_dict("records")
-    for ordinal, frame in enumerate(largest, start=1):
-        name = f"{number:02d}-{ordinal:02d}-{frame['kind'].replace(' ', '-')}.jpg"
-        chosen.setdefault((frame["recording"], frame["camera"], frame["timestamp_ns"]), {})[name] = frame
     runs = (comparison.before, comparison.after)
     labels = [
         run.label if method == run.label else f"{run.label}: {method}"
         for run, method in zip(runs, comparison.methods, strict=True)
     ]
+    largest = comparison.frames.groupby("kind", sort=False).head(PICTURED).to_dict("records")
+    titles = {frame_title(frame): frame for frame in largest}
+    images = {title: (frame["recording"], frame["camera"], frame["timestamp_ns"]) for title, frame in titles.items()}
 
-    def draw(
-        key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline
-    ) -> dict[str, Mapping[Any, Any]]:
-        for name, frame in chosen[key].items():
-            layers = [scored_layers(processed, label=label) for processed, label in zip(both, labels, strict=True)]
-            figure = draw_frames(layers, name=formats.image_name(*key), title=_headline(frame))
-            write_bytes(folder / name, figures.jpeg_bytes(figure))
-        return chosen[key]
+    def draw(key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline) -> dict[str, str]:
+        layers = [scored_layers(processed, label=label) for processed, label in zip(both, labels, strict=True)]
+        return {
+            title: figure_uri(draw_frames(layers, name=formats.image_name(*key), title=_headline(frame)))
+            for title, frame in titles.items()
+            if images[title] == key
+        }
 
-    drawn, problems = frame_pictures.draw_images(runs, chosen, draw, progress=progress)
-    pictures = {name: frame for of_image in drawn.values() for name, frame in of_image.items()}
-    remarks = tuple(f"no picture: {problem}" for problem in problems)
-    return replace(comparison, pictures=dict(sorted(pictures.items())), remarks=remarks)
+    drawn, problems = draw_images(runs, images.values(), draw, progress=progress)
+    addresses = ChainMap(*drawn.values())
+    pictures = tuple(Picture(addresses[title], title, title) for title in titles if title in addresses)
+    return replace(comparison, pictures=pictures, remarks=tuple(f"no picture: {problem}" for problem in problems))
 
 
 def write_comparison(
@@ -622,32 +613,23 @@ def write_comparison(
     pictures: bool = True,
     progress: Progress | None = None,
 ) -> tuple[list[RunComparison], tuple[Path, ...]]:
-    """Compare runs and write `compare.html`, `.md`, `.csv` and `pictures/`.
-
-    Each file appears whole or not at all. Pictures of an earlier comparison in `out` are removed, other files are left.
+    """Compare runs and write `compare.html`, `.md` and `.csv`, each whole or not at all.
 
     Args:
         folders: of the runs, the one compared against first.
         out: folder, is made.
-        pictures: draw the frames that changed most; needs the data set and the methods.
+        pictures: show the frames that changed most on the page; needs the data set.
         progress: called with the pictures done and their number, for each pair anew.
 
     Returns:
         comparisons: the first run with each of the others.
-        files: paths, texts first.
+        files: their paths.
 
     Raises:
         DataError: a run is damaged.
         UsageError: fewer than two runs, or runs that do not compare.
     """
-    comparisons = compare_runs(read_comparable(folders))
-    folder = out / "pictures"
+    comparisons = compare_runs(folders)
     if pictures:
-        numbered = enumerate(comparisons, start=1)
-        comparisons = [_draw_changed_frames(c, folder, number=number, progress=progress) for number, c in numbered]
-    shown = [name for comparison in comparisons for name in comparison.pictures]
-    files = report(comparisons, out=out).write(out, "compare")
-    for old in sorted(folder.glob("*.jpg")):
-        if old.name not in shown and _PICTURE_NAME.fullmatch(old.name):
-            old.unlink()
-    return comparisons, (*files, *(folder / name for name in shown))
+        comparisons = [_with_pictures(comparison, progress) for comparison in comparisons]
+    return comparisons, report(comparisons, out=out).write(out, "compare")

@@ -7,12 +7,10 @@ else. A page is one file: `page.html.j2` with `page.css` and `page.js`, which so
 
 from __future__ import annotations
 
-import base64
 import math
-import mimetypes
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -81,11 +79,11 @@ def as_text(value: object) -> str:
 class Column:
     """A column of a table: its heading, and how its values are written; a `Cell` stays as it is, None is empty."""
 
-    heading: str | Cell
+    heading: str
     form: Callable[[Any], str | Cell] = as_text
 
 
-Heads = Column | Cell | str
+Heads = Column | str
 Tags = Mapping[str, str]  # what filters of a page find a row or a group by; "" is found by no choice
 
 
@@ -111,9 +109,9 @@ class Table:
     look: str = ""
     tags: Sequence[Tags] = ()
 
-    def headings(self) -> list[Cell]:
+    def headings(self) -> list[str]:
         """Headings of the columns."""
-        return [_as_cell(c.heading if isinstance(c, Column) else c, as_text) for c in self._columns()]
+        return [column.heading if isinstance(column, Column) else column for column in self._columns()]
 
     def cells(self) -> list[list[Cell]]:
         """The rows, every value written in the format of its column."""
@@ -123,15 +121,15 @@ class Table:
         else:
             shown = self.rows[list(self.columns)] if isinstance(self.columns, Mapping) else self.rows
             rows = shown.itertuples(index=False)
-        return [[_as_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
+        return [[self._cell(value, form) for value, form in zip(row, forms, strict=True)] for row in rows]
+
+    @staticmethod
+    def _cell(value: object, form: Callable[[Any], str | Cell]) -> Cell:
+        shown = value if isinstance(value, Cell) else "" if value is None else form(value)
+        return shown if isinstance(shown, Cell) else Cell(shown)
 
     def _columns(self) -> Sequence[Heads]:
         return [*self.columns.values()] if isinstance(self.columns, Mapping) else self.columns
-
-
-def _as_cell(value: object, form: Callable[[Any], str | Cell]) -> Cell:
-    shown = value if isinstance(value, Cell) else "" if value is None else form(value)
-    return shown if isinstance(shown, Cell) else Cell(shown)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +164,10 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture: a file beside the report or a `data:` address, both ours; what it shows in words; a line below."""
+    """A picture: its address, what it shows in words, a line below.
+
+    The address is ours: `data:` on a page, which is one file; of Markdown, which leaves those out, a file beside it.
+    """
 
     address: str
     text: str
@@ -201,6 +202,11 @@ class Group:
     look: Look = ""
     name: str = ""
     tags: Tags = field(default_factory=dict)
+
+
+def section(name: str, title: str, blocks: Iterable[Block]) -> Group:
+    """A section of a page."""
+    return Group(look="section", name=name, title=title, blocks=list(blocks))
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,11 +263,11 @@ def _rich_table(table: Table, clean: Callable[[str], str]) -> RichTable:
     for place, heading in enumerate(headings):
         of_words = place < table.words
         parts = [line for row in rows for line in (row[place].text, *row[place].below)]
-        words = [word for part in (heading.text, *heading.below, *(parts if of_words else ())) for word in part.split()]
+        words = [word for part in (heading, *(parts if of_words else ())) for word in part.split()]
         least = min(max(map(len, words), default=1), LONGEST_WORD)
         least = least if of_words else max([least, *map(len, parts)])
         shown.add_column(
-            _rich_text(heading, clean),
+            Text(clean(heading)),
             justify="left" if of_words else "right",
             min_width=least,
             max_width=None if of_words else least,
@@ -297,7 +303,7 @@ def _markdown(block: Block) -> str:
         case Code():
             fence = "`" * max(3, 1 + max(map(len, re.findall("`+", block.text)), default=0))
             return "\n".join([fence, *map(plain, block.text.splitlines()), fence])
-        case Picture():
+        case Picture() if not block.address.startswith("data:"):
             shown = f"![{escape_markdown(block.text)}]({block.address})"
             return f"{shown}\n\n*{escape_markdown(block.caption)}*" if block.caption else shown
         case Group(look="folded"):
@@ -306,7 +312,7 @@ def _markdown(block: Block) -> str:
         case Group():
             heading = [Heading(block.title, 2 if block.look == "section" else 3)] if block.title else []
             return to_markdown([*heading, *block.blocks]).rstrip("\n")
-        case Drawing() | Filters():
+        case Drawing() | Filters() | Picture():
             return ""
         case Table():
             title = [f"**{escape_markdown(block.title)}**"] if block.title else []
@@ -316,9 +322,9 @@ def _markdown(block: Block) -> str:
 def markdown_table(table: Table) -> str:
     """The table alone, its lines as wide as their content, so that a changed value changes one line."""
     rule = "|".join(":--" if place < table.words else "--:" for place in range(len(table.columns)))
-    head, *body = [
-        " | ".join("<br>".join(map(escape_markdown, (cell.text, *cell.below))) for cell in row)
-        for row in (table.headings(), *table.cells())
+    head = " | ".join(map(escape_markdown, table.headings()))
+    body = [
+        " | ".join("<br>".join(map(escape_markdown, (cell.text, *cell.below))) for cell in row) for row in table.cells()
     ]
     return "\n".join([f"| {head} |", f"|{rule}|", *(f"| {line} |" for line in body)])
 
@@ -340,15 +346,14 @@ def to_html(blocks: Iterable[Block]) -> Markup:
     return Markup("").join(parts)
 
 
-def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
-    """A whole page of HTML in one file; pictures are read from `folder` and become part of it.
+def to_page(title: str, blocks: Iterable[Block]) -> str:
+    """A whole page of HTML in one file.
 
     Args:
         title: of the page.
         blocks: of the report; what comes before the first section stands above the navigation.
-        folder: of the pictures.
     """
-    shown = [_with_pictures(block, folder) for block in blocks]
+    shown = list(blocks)
     sections = [block for block in shown if isinstance(block, Group) and block.look == "section"]
     head = shown[: shown.index(sections[0])] if sections else []
     macros: Any = environment().get_template("page.html.j2").module
@@ -356,20 +361,6 @@ def to_page(title: str, blocks: Iterable[Block], *, folder: Path) -> str:
                      for name in ("page.css", "page.js"))  # fmt: skip
     page: Markup = macros.page(title, to_html(head), sections, to_html(shown[len(head) :]), style, script)
     return str(page)
-
-
-def data_uri(content: bytes, kind: str) -> str:
-    """The `data:` address of a file, with which it is part of a page; `kind` for example "image/png"."""
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _with_pictures(block: Block, folder: Path) -> Block:
-    if isinstance(block, Group):
-        return replace(block, blocks=[_with_pictures(inner, folder) for inner in block.blocks])
-    if not isinstance(block, Picture) or block.address.startswith("data:"):
-        return block
-    kind, _ = mimetypes.guess_type(block.address)
-    return replace(block, address=data_uri((folder / block.address).read_bytes(), str(kind)))
 
 
 @cache
@@ -386,14 +377,6 @@ def environment() -> jinja2.Environment:
     )
 
 
-def to_csv(rows: Iterable[Mapping[str, object]] | pd.DataFrame) -> str:
-    """One line per row, numbers at full precision; empty for NaN, None, and what a row does not have."""
-    import pandas as pd  # takes half a second, which a list on the terminal need not wait for
-
-    table = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows), dtype=object)
-    return table.to_csv(index=False, lineterminator="\n")
-
-
 def to_json(content: Mapping[str, object]) -> str:
     """JSON with null for NaN and infinity."""
     return pydantic_core.to_json(content, indent=1, inf_nan_mode="null").decode() + "\n"
@@ -406,13 +389,13 @@ class Report:
     Attributes:
         title: above the blocks; "" for none.
         blocks: what people read.
-        numbers: lines of the CSV file.
+        numbers: lines of the CSV file, at full precision; empty for NaN and None.
         page: also write the blocks as a page.
     """
 
     title: str
     blocks: Sequence[Block]
-    numbers: Iterable[Mapping[str, object]] | pd.DataFrame
+    numbers: pd.DataFrame
     page: bool = False
 
     def write(self, folder: Path, name: str) -> tuple[Path, ...]:
@@ -422,8 +405,9 @@ class Report:
             OutputError: a file cannot be written, or one of another kind is in its place.
         """
         heading = [Heading(self.title, 1)] if self.title else []
-        page = {f"{name}.html": to_page(self.title, self.blocks, folder=folder)} if self.page else {}
-        others = {f"{name}.md": to_markdown([*heading, *self.blocks]), f"{name}.csv": to_csv(self.numbers)}
+        page = {f"{name}.html": to_page(self.title, self.blocks)} if self.page else {}
+        numbers = self.numbers.to_csv(index=False, lineterminator="\n")
+        others = {f"{name}.md": to_markdown([*heading, *self.blocks]), f"{name}.csv": numbers}
         return write_together(folder, page | others)
 
 

@@ -9,11 +9,11 @@ Source:
 
 from __future__ import annotations
 
+import base64
 import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -37,9 +37,9 @@ from bench.atomic import write_bytes
 from bench.evaluation import Metric, find_metric, threshold_sweep
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
 from bench.harness.stored import StoredRun
-from bench.plain_text import plain
+from bench.plain_text import counted, plain
 from bench.records.reference import Direction
-from bench.reporting.document import Drawing, data_uri
+from bench.reporting.document import Drawing
 from bench.reporting.formats import found_level
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ STYLE: dict[RcKeyType, Any] = {
     "pdf.fonttype": 42,  # TrueType, which publishers ask for
     "text.parse_math": False,  # names may hold dollar signs
 }
-_UNDATED: dict[PictureFormat, dict[str, Any]] = {
+_UNDATED: dict[str, dict[str, Any]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -102,75 +102,58 @@ def axes_at(figure: Figure, left_in: float, bottom_in: float, width_in: float, h
     )
 
 
-def _saved(figure: Figure, file_format: str, metadata: dict[str, Any] | None = None) -> bytes:
+def figure_bytes(figure: Figure, picture_format: PictureFormat | Literal["rgba"]) -> bytes:
+    """The figure as a file, or as its pixels; equal figures give equal bytes."""
     for text in figure.findobj(Text):  # names may hold what no font draws
         text.set_text("\n".join(map(plain, text.get_text().split("\n"))))
     buffer = io.BytesIO()
     with rc_context(STYLE):
-        figure.savefig(buffer, format=file_format, dpi=DPI, metadata=metadata)
+        figure.savefig(buffer, format=picture_format, dpi=DPI, metadata=_UNDATED.get(picture_format))
     return buffer.getvalue()
-
-
-def figure_bytes(figure: Figure, picture_format: PictureFormat) -> bytes:
-    """The figure as a file; equal figures give equal bytes."""
-    return _saved(figure, picture_format, _UNDATED[picture_format])
 
 
 def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
     """The figure as an image, (H, W, 3) BGR uint8."""
     size = round(figure.bbox.height), round(figure.bbox.width)
-    rgba = np.frombuffer(_saved(figure, "rgba"), dtype=np.uint8).reshape(*size, 4)
+    rgba = np.frombuffer(figure_bytes(figure, "rgba"), dtype=np.uint8).reshape(*size, 4)
     return np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGR), dtype=np.uint8)
 
 
-def jpeg_bytes(figure: Figure) -> bytes:
-    """The figure as JPEG, for pictures with photographs in them."""
+def figure_uri(figure: Figure) -> str:
+    """The figure as the `data:` address of a JPEG, for pictures with photographs in them."""
     written, content = cv2.imencode(".jpg", figure_pixels(figure), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert written, "OpenCV writes JPEG"
-    return content.tobytes()
+    return f"data:image/jpeg;base64,{base64.b64encode(content.tobytes()).decode()}"
 
 
-def figure_uri(figure: Figure) -> str:
-    """The figure as the `data:` address of a JPEG."""
-    return data_uri(jpeg_bytes(figure), "image/jpeg")
-
-
-def write_picture(stem: Path, figure: Figure, *, formats: Sequence[PictureFormat] = ("png", "svg")) -> tuple[Path, ...]:
-    """Write a figure as `<stem>.png` and `<stem>.svg`, or other formats, each whole or not at all."""
+def write_picture(stem: Path, figure: Figure, *formats: PictureFormat) -> tuple[Path, ...]:
+    """Write a figure as `<stem>.<format>` of each format, whole or not at all."""
     files = {name: stem.with_name(f"{stem.name}.{name}") for name in formats}
     for name, file in files.items():
         write_bytes(file, figure_bytes(figure, name))
     return tuple(files.values())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chart:
-    """One chart.
+def drawing(name: str, figure: Figure, label: str) -> Drawing:
+    """A chart for a page: black becomes the page's text colour and white its background.
 
-    Attributes:
-        name: of letters, digits, dashes and underscores, used once: of the file, and before its ids on a page.
+    Args:
+        name: of letters, digits, dashes and underscores, once on a page: stands before the ids of the chart.
         figure: drawn in black on white.
         label: says in words what it shows.
     """
-
-    name: str
-    figure: Figure
-    label: str
-
-    def drawing(self) -> Drawing:
-        """The chart for a page: black becomes the page's text colour and white its background."""
-        text = figure_bytes(self.figure, "svg").decode()
-        text = text[text.index("<svg") :]
-        text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
-        text = re.sub(
-            r'<(g|path) id="(?:figure|axes|patch|matplotlib|line2d|text|xtick|ytick|legend|Quad)[^"]*"', r"<\1", text
-        )
-        text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{self.name}-", text)
-        text = re.sub("#000000|#303030", "currentColor", text).replace("#ffffff", "var(--paper)")
-        head = re.sub(r'\s(width|height|version|xmlns(:xlink)?)="[^"]*"', "", text[: text.index(">")])
-        label = f'aria-label="{escape(self.label)}" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        # matplotlib escapes its texts
-        return Drawing(Markup(f'{head} class="chart" role="img" {label}{text[text.index(">") :]}'))
+    text = figure_bytes(figure, "svg").decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
+    text = re.sub(
+        r'<(g|path) id="(?:figure|axes|patch|matplotlib|line2d|text|xtick|ytick|legend|Quad)[^"]*"', r"<\1", text
+    )
+    text = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", text)
+    text = re.sub("#000000|#303030", "currentColor", text).replace("#ffffff", "var(--paper)")
+    head = re.sub(r'\s(width|height|version|xmlns(:xlink)?)="[^"]*"', "", text[: text.index(">")])
+    named = f'aria-label="{escape(label)}" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    # matplotlib escapes its texts
+    return Drawing(Markup(f'{head} class="chart" role="img" {named}{text[text.index(">") :]}'))
 
 
 # The ground seen from above.
@@ -248,7 +231,7 @@ def draw_range_maps(found: RangeMaps, *, vehicle_outline_m: NDArray[np.float64],
             range_map = by_kind.get((object_class, direction))
             _draw_panel(axes, range_map, reach_m, vehicle_outline_m)
             total = 0 if range_map is None else int(range_map.object_frames.sum())
-            axes.set_title(f"{object_class}, {direction.value}\n{total} object-frames", pad=3, fontsize=7)
+            axes.set_title(f"{object_class}, {direction.value}\n{counted(total, 'object-frame')}", pad=3, fontsize=7)
     panels[-1, len(classes) // 2].set_xlabel("y (m), left of the ego vehicle")
     scale = ScalarMappable(norm=Normalize(vmin=0.0, vmax=100.0), cmap=COLOUR_MAP)
     bar = figure.colorbar(scale, ax=panels, ticks=range(0, 101, 20), aspect=40, pad=0.01)
@@ -260,7 +243,7 @@ def draw_range_maps(found: RangeMaps, *, vehicle_outline_m: NDArray[np.float64],
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     if found.unplaced:
-        note = f"{found.unplaced} object-frames of unknown direction left out"
+        note = f"{counted(found.unplaced, 'object-frame')} of unknown direction left out"
         figure.text(0.99, 0.02, note, ha="right", va="bottom", fontsize=6)
     return figure
 
@@ -335,16 +318,13 @@ def draw_threshold_sweep(
     return figure
 
 
-def draw_charts(run: StoredRun) -> dict[str, Chart]:
+def draw_charts(run: StoredRun) -> dict[str, Figure]:
     """The charts of a run: "range_map" and, of a run that holds likelihoods, "threshold_sweep"."""
-    around = "Detection rate around the ego vehicle seen from above, by class and direction of motion"
-    charts = [Chart(name="range_map", figure=draw_run_maps(run), label=around)]
-    sweep = threshold_sweep(run.frames)
-    if sweep is not None:
+    charts = {"range_map": draw_run_maps(run)}
+    if sweep := threshold_sweep(run.frames):
         of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
-        figure = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
-        charts.append(Chart(name="threshold_sweep", figure=figure, label="Pixels found against image wrongly marked"))
-    return {chart.name: chart for chart in charts}
+        charts["threshold_sweep"] = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
+    return charts
 
 
 # The chart of a sweep.

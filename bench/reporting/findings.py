@@ -34,7 +34,7 @@ def findings_report(report: ValidationReport) -> Iterator[Block]:
     yield Paragraph(
         f"{counted(errors, 'error')} and {counted(warnings, 'warning')} in "
         f"{counted(len(report.recordings), 'recording')}; "
-        f"read {images.read} of {images.all} images and {sweeps.read} of {sweeps.all} sweeps"
+        f"read {images.read} of {counted(images.all, 'image')} and {sweeps.read} of {counted(sweeps.all, 'sweep')}"
         + ("" if whole else "; --deep reads all")
     )
 
@@ -106,11 +106,11 @@ def prediction_line(found: PredictionIndex, *, threshold: float | None) -> str:
         found: the predictions.
         threshold: score above which a pixel moves; None for masks.
     """
-    parts = [f"{len(found.usable)} of {found.expected} images have a usable {found.form}"]
+    parts = [f"{len(found.usable)} of {counted(found.expected, 'image')} have a usable {found.form}"]
     if found.unscored:
-        parts.append(f"{found.unscored} predictions are of images that are not scored")
+        parts.append(f"of images that are not scored: {counted(found.unscored, 'prediction')}")
     if found.elsewhere:
-        parts.append(f"{found.elsewhere} files are of recordings that are not scored")
+        parts.append(f"of recordings that are not scored: {counted(found.elsewhere, 'file')}")
     if threshold is not None and found.usable:
         above = "" if found.largest > threshold else ", so that none does"
         parts.append(f"the largest score is {found.largest:.4g}, and above {threshold:g} a pixel moves{above}")
@@ -163,7 +163,7 @@ def scores_tables(scores: pd.DataFrame, minutes: float, worst: pd.DataFrame) -> 
     """
     found = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s."
     more = len(worst) - MOST_SHOWN
-    note = f"{more} more are in evaluate-tracks.csv." if more > 0 else ""
+    note = f"{more} more in evaluate-tracks.csv." if more > 0 else ""
     tracks = Table(title="The worst tracks", columns=WORST, rows=worst.head(MOST_SHOWN), words=3, note=note)
     return [
         Table(columns=WHERE | COUNTS, rows=scores, words=2, note=found),
@@ -194,7 +194,7 @@ def write_proposal_scores(
     Raises:
         OutputError: a file cannot be written.
     """
-    count = f"{len(recordings)} recordings" if len(recordings) > 1 else f"1 recording, {recordings[0]}"
+    count = counted(len(recordings), "recording") + (f", {recordings[0]}" if len(recordings) == 1 else "")
     blocks: list[Block] = [
         Paragraph(f"{count}, {60 * minutes:.0f} s of sweeps."),
         *scores_tables(scores, minutes, worst),

@@ -40,7 +40,6 @@ INTERVALS = (
 
 LARGE_FALSE = "false_positive_frame_rate"  # a headline for readers beside false-positive coverage, which hides it
 CEILING = "what the exact masks score under the same protocol; under paper-v1 other masks can score more"
-LONGEST_RECORDING = 40  # characters of a name above a picture
 
 
 def row_label(name: str, causes: Container[str]) -> str:
@@ -161,7 +160,7 @@ def chance_of(name: str) -> str:
 
 def image_name(recording: str, camera: str, timestamp_ns: int) -> str:
     """Return the name of an image as every picture shows it: "drive-1, camera front, 1.20 s"."""
-    return f"{shortened(recording, LONGEST_RECORDING)}, camera {camera}, {timestamp_ns / 1e9:.2f} s"
+    return f"{recording}, camera {camera}, {timestamp_ns / 1e9:.2f} s"
 
 
 def frame_name(reference: ReferenceFrame) -> str:
@@ -171,14 +170,9 @@ def frame_name(reference: ReferenceFrame) -> str:
 
 def made_by(method: str, protocol: str) -> str:
     """Return what a picture shows beside the name of its image: "method spherical, protocol paper-v1"."""
-    return f"method {shortened(method, LONGEST_RECORDING)}, protocol {shortened(protocol, LONGEST_RECORDING)}"
+    return f"method {method}, protocol {protocol}"
 
 
 def file_name(name: str) -> str:
     """A name as part of a file's; names come from data files and may hold anything."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", name)[:80]
-
-
-def shortened(text: str, longest: int) -> str:
-    """Text of at most so many characters, with " ..." at its end where it was longer."""
-    return text if len(text) <= longest else text[: longest - 4] + " ..."

@@ -29,7 +29,7 @@ from shapely import box, get_parts, get_rings
 
 from bench.evaluation.counts import ObjectCounts, count_frame
 from bench.harness import ProcessedFrame
-from bench.plain_text import plain
+from bench.plain_text import counted, plain
 from bench.records.reference import (
     Category,
     IgnoreReason,
@@ -254,17 +254,14 @@ def reference_layers(
 ) -> Layers:
     """Return the layers of the reference alone, with a note of how many annotated objects are evaluated."""
     evaluated = sum(target.status is Status.EVALUATED for target in reference.objects)
-    note = f"{evaluated} of {len(reference.objects)} annotated objects evaluated"
+    note = f"{evaluated} of {counted(len(reference.objects), 'annotated object')} evaluated"
     return Layers(pixels=pixels, reference=reference, sweep=sweep, label=label, note=note)
 
 
-def draw_layers(axes: Axes, layers: Layers, *, names: bool = True) -> None:
-    """Draw an image with its layers onto axes.
+def draw_layers(axes: Axes, layers: Layers) -> None:
+    """Draw an image with its layers onto axes, whose data coordinates become pixels (u, v).
 
-    Args:
-        axes: data coordinates become pixels (u, v).
-        layers: of the image.
-        names: name the annotated objects, evaluated ones with their values and ignored ones with the reason.
+    Objects are named: evaluated ones with their values, ignored ones with the reason.
     """
     image, reference = faded(layers.pixels, _FADE), layers.reference
     if reference is None:
@@ -292,8 +289,7 @@ def draw_layers(axes: Axes, layers: Layers, *, names: bool = True) -> None:
         texts.append(object_text(target, None if layers.detected is None else of_target))
         if target.status is Status.EVALUATED and not target.unknown_px:  # an outline would hide the unknown band
             draw_outline(axes, polygon, colour="white", style="--", width=0.9)
-    if names:
-        place_labels(axes, polygons, texts)
+    place_labels(axes, polygons, texts)
 
 
 def object_text(target: ReferenceObject, counts: ObjectCounts | None) -> str:
@@ -394,23 +390,6 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     return figure
 
 
-CLOSE_UP_IN = 2.4, 1.8
-
-
-@figures.styled
-def draw_close_up(layers: Layers, target: ReferenceObject, *, name: str) -> Figure:
-    """Draw an evaluated object with as much around it as it is large, above the name of the image."""
-    assert target.polygon is not None, "an evaluated object has a polygon"
-    width_in, height_in = CLOSE_UP_IN
-    figure = figures.new_figure(width_in, height_in + _LINE_IN)
-    axes = figures.axes_at(figure, 0.0, _LINE_IN, width_in, height_in)
-    draw_layers(axes, layers, names=False)
-    height, width = layers.pixels.shape[:2]
-    zoom_on(axes, target.polygon, size=(width, height), aspect=width_in / height_in)
-    fit_text(figure.text(0.5, 0.02, name, ha="center", va="bottom", fontsize=6.5), width_in - 2 * _MARGIN_IN)
-    return figure
-
-
 # What a method saw.
 
 LIKELIHOOD_SATURATION, SCORE_SATURATION = 0.02, 1.0  # the paper's figure 6
@@ -428,13 +407,7 @@ _NUMERALS = ("I", "II", "III", "IV", "V", "VI", "VII", "VIII")
 _PANEL_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN, _GAP_IN, _SECOND_LINE_IN = 2.6, 0.26, 0.62, 0.22, 0.06, 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class _Panel:
-    """A panel: its label, the unit of its colours, and what draws it and returns what has them, if anything."""
-
-    label: str
-    unit: str
-    draw: Callable[[Axes], ScalarMappable | None]
+_Draw = Callable[[Axes], ScalarMappable | None]  # draws a panel and returns what has its colours, if anything
 
 
 @figures.styled
@@ -453,13 +426,13 @@ def draw_panels(processed: ProcessedFrame, *, made_by: str = "") -> Figure:
     height_in, top_in = _PANEL_IN * height / width, _TOP_IN + bool(made_by) * _SECOND_LINE_IN
     full_in = top_in + len(panels) * (height_in + _GAP_IN) + LEGEND_IN
     figure = figures.new_figure(_LEFT_IN + _PANEL_IN + _RIGHT_IN, full_in)
-    for number, (panel, numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
+    for number, ((label, unit, draw), numeral) in enumerate(zip(panels, _NUMERALS, strict=False)):
         bottom_in = full_in - top_in - height_in - number * (height_in + _GAP_IN)
         axes = figures.axes_at(figure, _LEFT_IN, bottom_in, _PANEL_IN, height_in)
-        coloured = panel.draw(axes)
-        axes.set_ylabel(f"({numeral}) {panel.label}", fontsize=7, labelpad=3)
+        coloured = draw(axes)
+        axes.set_ylabel(f"({numeral}) {label}", fontsize=7, labelpad=3)
         if coloured is not None:
-            _draw_colour_bar(axes, coloured, panel.unit)
+            _draw_colour_bar(axes, coloured, unit)
     heading = f"{frame_name(processed.reference)}\n{made_by}".rstrip()
     fit_text(figure.axes[0].set_title(heading, pad=3, fontsize=6), _PANEL_IN + 2 * _LEFT_IN)
     add_legend(figure, results=True, sweep=False)
@@ -477,23 +450,24 @@ def _draw_colour_bar(axes: Axes, coloured: ScalarMappable, unit: str) -> None:
     bar.ax.yaxis.set_label_coords(4.6, 0.5)  # one line for all bars, whatever their numbers' width
 
 
-def _panels(processed: ProcessedFrame) -> Iterator[_Panel]:
+def _panels(processed: ProcessedFrame) -> Iterator[tuple[str, str, _Draw]]:
+    """Each panel: its label, the unit of its colours, and what draws it."""
     segmentation, parts = processed.segmentation, processed.segmentation.parts or {}
 
-    def of_cells(values: NDArray[np.float32], saturation: float) -> Callable[[Axes], ScalarMappable]:
+    def of_cells(values: NDArray[np.float32], saturation: float) -> _Draw:
         valid = processed.reference.valid
         return partial(_draw_cells, values=values, saturation=saturation, segmentation=segmentation, valid=valid)
 
     if "flow_u" in parts and "flow_v" in parts:
-        yield _Panel("flow", "px per frame", partial(_draw_flow, processed=processed))
+        yield ("flow", "px per frame", partial(_draw_flow, processed=processed))
     for name, label in DEVIATIONS.items():
         if name in parts:
-            yield _Panel(label, "deviation", of_cells(parts[name], DEVIATION_SATURATION))
+            yield (label, "deviation", of_cells(parts[name], DEVIATION_SATURATION))
     if segmentation.likelihood is not None:
         is_score = segmentation.likelihood_is_score
         label, saturation = ("score", SCORE_SATURATION) if is_score else ("likelihood", LIKELIHOOD_SATURATION)
-        yield _Panel(label, label, of_cells(segmentation.likelihood, saturation))
-    yield _Panel("segmentation", "", partial(draw_layers, layers=scored_layers(processed)))
+        yield (label, label, of_cells(segmentation.likelihood, saturation))
+    yield ("segmentation", "", partial(draw_layers, layers=scored_layers(processed)))
 
 
 def _draw_flow(axes: Axes, *, processed: ProcessedFrame) -> ScalarMappable:

@@ -30,6 +30,7 @@ from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.datasets import StoredFrames
 from bench.harness.frames import UnscorableFrame
 from bench.harness.stored import StoredRun
+from bench.plain_text import counted
 from bench.recordings import Cuboid, DatasetCard, ImageRef, read_image
 from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import Category, ReferenceFrame, Status
@@ -57,62 +58,46 @@ from bench.validation.fits.flow import SeenFlow, reduced, seen_flow
 
 
 def write_frame_pictures(
-    processed: ProcessedFrame, pipeline: FramePipeline, folder: Path, *, made_by: str
-) -> tuple[Path, ...]:
-    """Write `panels.png`, `areas.png` and `cluster-<track>.png` of the evaluated objects; the files.
+    reference: ReferenceFrame,
+    image: ImageRef,
+    pipeline: FramePipeline,
+    folder: Path,
+    *,
+    made_by: str,
+    processed: ProcessedFrame | None = None,
+) -> list[Path]:
+    """Write pictures of an image, and `cluster-<track>.png` of each evaluated object; the files.
 
     Args:
-        processed: the frame.
-        pipeline: that processed it.
+        reference: of the image.
+        image: of the pipeline's camera.
+        pipeline: that built the reference.
         folder: is made.
-        made_by: method and protocol, as `made_by` says them.
-    """
-    areas = draw_frames([scored_layers(processed, label=made_by)], name=frame_name(processed.reference))
-    drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": areas}
-    return _write(drawn | _clusters(processed.reference, processed.image, processed.pixels, pipeline), folder)
-
-
-def write_reference_pictures(pipeline: FramePipeline, index: int, folder: Path, *, made_by: str) -> tuple[Path, ...]:
-    """Write `reference.png` and `cluster-<track>.png` of the evaluated objects, without any method; the files.
-
-    Args:
-        pipeline: of the camera.
-        index: of the image.
-        folder: is made.
-        made_by: the protocol.
+        made_by: what is shown, as `made_by` says it, or the protocol.
+        processed: what a method made of the image, for `panels.png` and `areas.png`; None for `reference.png` alone.
 
     Raises:
-        DataError: the image, its sweep or ego-motion cannot be used.
+        DataError: the image cannot be read.
     """
-    image, reference = pipeline.images[index], pipeline.reference(index)
-    pixels = read_image(image, pipeline.camera, colour=True)
-    drawn = draw_frames([reference_layers(pixels, reference, label=made_by)], name=frame_name(reference))
-    return _write({"reference": drawn} | _clusters(reference, image, pixels, pipeline), folder)
-
-
-def _clusters(
-    reference: ReferenceFrame, image: ImageRef, pixels: NDArray[np.uint8], pipeline: FramePipeline
-) -> dict[str, Figure]:
-    """The evaluated objects of which lidar points are known, by name of file."""
-    return {
-        f"cluster-{file_name(target.track_id)}": draw_cluster(
-            pipeline.references.geometry(target.track_id, image),
-            image=pixels,
-            polygon=target.polygon,
-            vehicle_outline_m=pipeline.recording.vehicle_outline_m,
-            title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
-            f"{target.points} points",
-            image_name=frame_name(reference),
-        )
-        for target in reference.objects
-        if target.status is Status.EVALUATED and target.polygon is not None and image.moving_path is None
-    }
-
-
-def _write(drawn: Mapping[str, Figure], folder: Path) -> tuple[Path, ...]:
-    return tuple(
-        file for name, figure in drawn.items() for file in figures.write_picture(folder / name, figure, formats=["png"])
-    )
+    name = frame_name(reference)
+    if processed is None:
+        layers = reference_layers(read_image(image, pipeline.camera, colour=True), reference, label=made_by)
+        drawn = {"reference": draw_frames([layers], name=name)}
+    else:
+        layers = scored_layers(processed, label=made_by)
+        drawn = {"panels": draw_panels(processed, made_by=made_by), "areas": draw_frames([layers], name=name)}
+    for target in reference.objects if image.moving_path is None else ():  # masks have no lidar points
+        if target.status is Status.EVALUATED and target.polygon is not None:
+            drawn[f"cluster-{file_name(target.track_id)}"] = draw_cluster(
+                pipeline.references.geometry(target.track_id, image),
+                image=layers.pixels,
+                polygon=target.polygon,
+                vehicle_outline_m=pipeline.recording.vehicle_outline_m,
+                title=f"{target.object_class} {target.track_id}, {target.category}, {target.range_m:.1f} m, "
+                f"{counted(target.points, 'point')}",
+                image_name=name,
+            )
+    return [file for what, figure in drawn.items() for file in figures.write_picture(folder / what, figure, "png")]
 
 
 # Frames of stored runs.
@@ -191,8 +176,13 @@ def write_example_pictures(
         categories.setdefault(key, []).append(category.value)
 
     def write(key: ImageKey, frames: Sequence[ProcessedFrame], pipeline: FramePipeline) -> list[Path]:
-        folders = [run.folder / "pictures" / name for name in categories[key]]
-        return [f for folder in folders for f in write_frame_pictures(frames[0], pipeline, folder, made_by=made)]
+        (processed,), files = frames, list[Path]()
+        for category in categories[key]:
+            folder = run.folder / "pictures" / category
+            files += write_frame_pictures(
+                processed.reference, processed.image, pipeline, folder, made_by=made, processed=processed
+            )
+        return files
 
     written, problems = draw_images([run], categories, write, card=card, progress=progress)
     return [file for files in written.values() for file in files], problems

@@ -27,6 +27,7 @@ from bench.harness.stored import SUMMARY, StoredRun, read_run, reference_digest,
 from bench.harness.verify import is_verified
 from bench.methods import known_methods
 from bench.methods.registry import describe_method
+from bench.plain_text import counted
 from bench.reporting import formats
 from bench.reporting.compare import (
     LEAST_COMMON,
@@ -48,6 +49,7 @@ from bench.reporting.document import (
     Items,
     Paragraph,
     Table,
+    section,
     to_markdown,
     to_page,
     write_together,
@@ -173,10 +175,11 @@ class RankedGroup(_Stored):
     def title(self) -> str:
         """Data, protocol, reference and images that its runs share."""
         object_frames, recordings = self.cases[ALL_MOVING]
+        cases = f"{counted(object_frames, 'object-frame')}, {counted(recordings, 'recording')}"
         told = (
             f"{self.dataset}, {self.split or 'all recordings'}, {self.protocol} "
-            f"({short_digest(self.protocol_digest)}), reference {short_digest(self.reference_digest)}: {self.images} "
-            f"images that all scored, {object_frames} object-frames, {recordings} recordings"
+            f"({short_digest(self.protocol_digest)}), reference {short_digest(self.reference_digest)}: "
+            f"{counted(self.images, 'image')} that all scored, {cases}"
         )
         return "; ".join(filter(None, (told, self.unreviewed.rstrip("."))))
 
@@ -205,12 +208,12 @@ class Leaderboard(_Stored):
 
     Attributes:
         groups: runs that compare; never two in one table that do not.
-        damaged: folder and fault of every run that cannot be read.
+        not_ranked: folder of every other run, and why it is in no table: not finished, without scores or damaged.
     """
 
-    schema_version: Literal[5] = 5
+    schema_version: Literal[6] = 6
     groups: tuple[RankedGroup, ...]  # data sets of most recordings first; of one, first those by the judging protocol
-    damaged: tuple[tuple[str, str], ...]
+    not_ranked: tuple[tuple[str, str], ...]
 
 
 # From runs to groups.
@@ -222,12 +225,12 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     Raises:
         DataError: there is no folder, or no run in it.
     """
-    sound, damaged = read_runs(folder)
+    found, not_ranked = read_runs(folder)
     groups: list[RankedGroup] = []
-    for _, of_same_rules in groupby(sorted(sound, key=_data_and_rules), key=_data_and_rules):
+    for _, of_same_rules in groupby(sorted(found, key=_data_and_rules), key=_data_and_rules):
         runs = list(of_same_rules)
         if len({reference_of(run) for run in runs}) > 1:  # so that all their rows are read
-            runs = [run for run in runs if _is_readable(run, damaged)]
+            runs = [run for run in runs if _is_readable(run, not_ranked)]
         tables: list[list[StoredRun]] = []
         for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
             table = next((table for table in tables if in_one_table(table, run)), None)
@@ -240,15 +243,15 @@ def read_leaderboard(folder: Path) -> Leaderboard:
     for group in groups:
         most[group.dataset] = max(group.cases[ALL_MOVING][1], most.get(group.dataset, 0))
     groups.sort(key=lambda g: (-most[g.dataset], g.dataset, g.split or "", not g.judged))  # else as they came
-    return Leaderboard(groups=tuple(groups), damaged=tuple(sorted(damaged)))
+    return Leaderboard(groups=tuple(groups), not_ranked=tuple(sorted(not_ranked)))
 
 
 def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
     """Read the runs under a folder, at any depth, itself included.
 
     Returns:
-        sound: the results by each protocol, called as the folder of the run below this one.
-        damaged: folder and fault of each that cannot be read.
+        runs: the results by each protocol, called as the folder of the run below this one.
+        not_ranked: folder of each that is not finished, without scores or damaged, and what says so.
 
     Raises:
         DataError: there is no folder, or no run in it.
@@ -260,26 +263,29 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
     places = {place for place in places if place.parents[1] == folder or not (place.parents[1] / SWEEP).is_file()}
     if not places:
         raise DataError(folder, expected="at least one run", got=f"no {ANSWERS_MANIFEST} at any depth")
-    sound: list[StoredRun] = []
-    damaged: list[tuple[str, str]] = []
+    runs: list[StoredRun] = []
+    not_ranked: list[tuple[str, str]] = []
     for place in sorted(places):
         run = place.parent
         name = run.relative_to(folder).as_posix() if folder in run.parents else run.resolve().name
+        if not (place / SUMMARY).is_file():
+            not_ranked.append((f"{name}/{place.name}", "not finished; the same `fisheye-bench run` goes on from there"))
+            continue
         try:
             stored = read_run(place, label=name)
             refuse_unscored(stored.summary, place)
-            sound.append(stored)
+            runs.append(stored)
         except BenchError as error:
-            damaged.append((f"{name}/{place.name}", str(error)))
-    return sound, damaged
+            not_ranked.append((f"{name}/{place.name}", str(error)))
+    return runs, not_ranked
 
 
-def _is_readable(run: StoredRun, damaged: list[tuple[str, str]]) -> bool:
-    """Whether all tables of a run can be read; if not, it is listed as damaged."""
+def _is_readable(run: StoredRun, not_ranked: list[tuple[str, str]]) -> bool:
+    """Whether all tables of a run can be read; if not, it is listed with its fault."""
     try:
         reference_digest(run.objects, run.frames)
     except BenchError as error:
-        damaged.append((f"{run.label}/{run.folder.name}", str(error)))
+        not_ranked.append((f"{run.label}/{run.folder.name}", str(error)))
         return False
     return True
 
@@ -489,7 +495,7 @@ def _named(entry: Entry, out: Path | None) -> Cell:
     """The method, the kind of what is none, what is to be known of the run; its key and the run's folder below."""
     told = {
         entry.kind.value: entry.kind is not Kind.METHOD,
-        f"{entry.failures} failures": entry.failures > 0,
+        counted(entry.failures, "failure"): entry.failures > 0,
         "verified": entry.verified,
         "shipped": entry.shipped,
     }
@@ -513,7 +519,7 @@ def _methods(board: Leaderboard) -> Group:
     rows = [[e.method, e.about, e.code_file, e.run, e.images, e.date, e.code] for e in entries]
     columns = ["Method", "What it does", "Code", "Run", "Images", "Scored", "by"]
     table = Table(columns=columns, rows=rows, words=len(columns))
-    return Group(look="section", name="methods", title="The methods", blocks=[table])
+    return section("methods", "The methods", [table])
 
 
 def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
@@ -528,19 +534,18 @@ def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
 def _leader(group: RankedGroup) -> Paragraph:
     """The method that leads, "best" where it is shown to be better than every other one, and its score in words."""
     first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
-    iou, of_images = first.metrics[ORDERED_BY], (FALSE_POSITIVES, formats.LARGE_FALSE)
+    iou, area, large = (first.metrics[name] for name in (ORDERED_BY, FALSE_POSITIVES, formats.LARGE_FALSE))
     few = "" if iou.ci95 else " (too few recordings for an interval)"
     of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
-    area, large = (formats.percent(first.metrics[name].value) for name in of_images)
     others = [entry.method for entry in group.methods if entry.behind is False]
-    doubt = f" Not shown to be behind it: {', '.join(others)}." if others else ""
-    unreviewed = f" {group.unreviewed}" if group.unreviewed else ""
-    return Paragraph(
+    doubt = f"Not shown to be behind it: {', '.join(others)}." if others else ""
+    told = (
         f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {first.method}, IoU "
-        f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover {area} of the "
-        f"image, {large} of the images have a large one. Scored {first.date} with {first.code}.{doubt}{unreviewed}",
-        "good" if group.best else "dim",
+        f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover "
+        f"{formats.percent(area.value)} of the image, {formats.percent(large.value)} of the images have a large one. "
+        f"Scored {first.date} with {first.code}."
     )
+    return Paragraph(" ".join(filter(None, (told, doubt, group.unreviewed))), "good" if group.best else "dim")
 
 
 def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
@@ -550,9 +555,8 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
         board: the runs.
         out: folder, is made.
     """
-    faults = Items([f"{run}: {fault}" for run, fault in board.damaged])
-    damaged = Group(look="section", name="damaged", title="Runs that cannot be read", blocks=[faults])
-    unread = [damaged] if board.damaged else []
+    others = Items([f"{run}: {reason}" for run, reason in board.not_ranked])
+    not_ranked = [section("not-ranked", "Runs that are not ranked", [others])] if board.not_ranked else []
     notes = [Paragraph(note, "dim") for note in NOTES]
     tables = [_group(group, out) for group in board.groups]
     first: Mapping[str, str] = tables[0].tags if tables else {}
@@ -560,17 +564,17 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     page: list[Block] = [
         Paragraph(ABOUT),
         *_leaders(board),
-        Group(look="section", name="table", title="All runs", blocks=[Filters(choices), *tables]),
+        section("table", "All runs", [Filters(choices), *tables]),
         _methods(board),
-        Group(look="section", name="how", title="How to read it", blocks=notes),
-        *unread,
+        section("how", "How to read it", notes),
+        *not_ranked,
     ]
     sections = [replace(table, look="section") for table in tables]
     own = [g.model_copy(update={"entries": tuple(e for e in g.entries if not e.shipped)}) for g in board.groups]
     texts = {
-        "index.html": to_page(TITLE, page, folder=out),
+        "index.html": to_page(TITLE, page),
         STORED: board.model_copy(update={"groups": tuple(own)}).model_dump_json() + "\n",
-        "leaderboard.md": to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *unread]),
+        "leaderboard.md": to_markdown([Heading("Leaderboard", 1), *notes, *sections, _methods(board), *not_ranked]),
     }
     return write_together(out, texts)
 

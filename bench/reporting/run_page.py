@@ -10,13 +10,13 @@ import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
 import pyarrow as pa
+from matplotlib.figure import Figure
 
 from bench.atomic import write_output
 from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, find_metric, published
@@ -28,7 +28,8 @@ from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.execution import Progress
 from bench.harness import ProcessedFrame
 from bench.harness.stored import StoredRun, read_run
-from bench.records.reference import Status
+from bench.plain_text import counted
+from bench.records.reference import Category
 from bench.reporting import figures, formats
 from bench.reporting.document import (
     Block,
@@ -43,9 +44,10 @@ from bench.reporting.document import (
     Paragraph,
     Picture,
     Table,
+    section,
     to_page,
 )
-from bench.reporting.frame import draw_close_up, draw_frames, draw_panels, scored_layers
+from bench.reporting.frame import draw_frames, draw_panels, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
     is_rendered,
@@ -58,6 +60,8 @@ from bench.reporting.run_tables import (
 
 WORST = 3  # of each kind
 EXAMPLES = 2  # pictures that a reader sees first
+AROUND = "Detection rate around the ego vehicle seen from above, by class and direction of motion"
+THRESHOLDS = "Pixels found against image wrongly marked"
 COLOURS = "Green is found, blue missed, orange wrongly marked."
 
 
@@ -77,9 +81,10 @@ def tiles(metrics: Summary, *, large_px: int) -> Table:
         if name == formats.LARGE_FALSE:
             about = f"of the images have a false patch of more than {large_px} px"
         elif find_metric(name).over == IMAGE_FRAMES:
-            about = f"of the image wrongly marked; over {metric.cases} images"
+            about = f"of the image wrongly marked; over {counted(metric.cases, 'image')}"
         else:
-            about = "; ".join(filter(None, (_bound_note(name, row), f"over {row.object_frames} object-frames")))
+            over = f"over {counted(row.object_frames, 'object-frame')}"
+            about = "; ".join(filter(None, (_bound_note(name, row), over)))
         cell = formats.metric_cell(metric)
         shown[find_metric(name).label] = replace(cell, below=(*cell.below, about), style="strong")
     return Table(columns=list(shown), rows=[list(shown.values())], words=0, look="tiles")
@@ -130,27 +135,9 @@ def remarks(metrics: Summary) -> Iterator[Paragraph]:
         yield Paragraph(why, "warn")
     images = metrics.images
     if left := images.failed + images.skipped:
-        yield Paragraph(f"{left} of {images.images} images could not be scored; the last section says why.", "bad")
-
-
-def _examples(run: StoredRun) -> Iterator[Block]:
-    """The images in which the largest objects of some kinds of motion are."""
-    largest = list(example_frames(run.objects).items())[:EXAMPLES]
-    titles = {key: f"{formats.LABELS[kind]}, the largest object: {formats.image_name(*key)}" for kind, key in largest}
-    uris, problems = draw_images(
-        [run],
-        titles,
-        lambda key, frames, _: figures.figure_uri(
-            draw_frames([scored_layers(frames[0])], name=formats.image_name(*key))
-        ),
-    )
-    yield from map(_missing, problems)
-    yield Group(look="pairs", blocks=[Picture(uris[key], title, title) for key, title in titles.items() if key in uris])
-    yield Paragraph(f"{COLOURS} These are the largest objects; what was found least is among the worst cases.", "dim")
-
-
-def _missing(problem: str) -> Paragraph:
-    return Paragraph(f"Pictures are missing: {problem}", "warn")
+        yield Paragraph(
+            f"{left} of {counted(images.images, 'image')} could not be scored; the last section says why.", "bad"
+        )
 
 
 # The worst cases.
@@ -201,8 +188,9 @@ def _scored(
 
 def object_facts(row: Row) -> str:
     """What was measured of an evaluated object-frame, a row of `OBJECTS_SCHEMA` with `coverage`."""
+    points = counted(int(row["points"]), "lidar point")
     return (
-        f"{_percent(row['coverage'])} found; {row['range_m']:.1f} m away, {row['points']:.0f} lidar points, "
+        f"{_percent(row['coverage'])} found; {row['range_m']:.1f} m away, {points}, "
         f"{row['region_px']:.0f} px, {_percent(1 - row['region_px'] / row['polygon_px'])} hidden by nearer objects; "
         f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s"
     )
@@ -213,10 +201,8 @@ def image_facts(row: Row) -> str:
     causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
     cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
     most = f", most by {cause.replace('_', ' ')}, {_percent(pixels / max(row['fp_px'], 1))}" if cause else ""
-    return (
-        f"{_percent(row['coverage'])} wrongly marked in {row['fp_components']} patches{most}; "
-        f"ego vehicle {row['ego_speed_mps']:.1f} m/s"
-    )
+    patches = "1 patch" if row["fp_components"] == 1 else f"{row['fp_components']} patches"
+    return f"{_percent(row['coverage'])} wrongly marked in {patches}{most}; ego vehicle {row['ego_speed_mps']:.1f} m/s"
 
 
 def _percent(share: float) -> str:
@@ -224,58 +210,47 @@ def _percent(share: float) -> str:
 
 
 Elements = Mapping[tuple[str, str, int, str], str]  # recording, camera, time and track -> id of the box on the page
+Drawn = Mapping[ImageKey, Mapping[str, str]]  # addresses of the pictures of an image, as of `_pictures`
 
 
-def worst_cases(
-    run: StoredRun, *, pictures: bool, progress: Progress | None = None
-) -> tuple[list[Group], Elements, list[str]]:
-    """Choose the worst object-frames and images, and draw them.
+def _worst_boxes(worst: Sequence[Row], drawn: Drawn, *, pictures: bool) -> tuple[list[Group], Elements]:
+    """Boxes of the worst object-frames and images.
 
     Returns:
         groups: of boxes, one for each category and one of the images, the worst first.
         elements: of those with pictures.
-        missing: why pictures are missing, one line each.
     """
-    objects, images = worst_objects(run.objects, most=WORST), worst_frames(run.frames, most=WORST)
-    keys = {_image_key(row) for row in (*objects, *images)} if pictures else set()
-    drawn, missing = draw_images([run], keys, lambda _, frames, __: _pictures(frames[0]), progress=progress)
     none = [Paragraph(f"No picture: {'the data set was not available' if pictures else 'none was asked for'}.", "warn")]
     boxes: dict[str, list[Group]] = {}
     elements = {}
-    for row, kind in [*((row, row["category"]) for row in objects), *((row, "false") for row in images)]:
+    for row in worst:
         key, track = _image_key(row), row.get("track_id", "")
+        kind = row["category"] if track else "false"
         of_kind = boxes.setdefault(formats.LABELS.get(kind, "Most false marks"), [])
         element = f"{kind}-{len(of_kind)}"
         title = f"{row['object_class']} “{track}”, {formats.image_name(*key)}" if track else formats.image_name(*key)
         facts = Paragraph(object_facts(row) if track else image_facts(row))
-        shown = _shown(drawn[key], title, track) if key in drawn else none
+        shown = _shown(drawn[key], title) if key in drawn else none
         of_kind.append(Group(look="box", name=element, title=title, blocks=[facts, *shown]))
         if key in drawn:
             elements[(*key, track)] = element
-    return [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()], elements, missing
+    return [Group(look="boxes", title=title, blocks=of_kind) for title, of_kind in boxes.items()], elements
 
 
 def _image_key(row: Row) -> ImageKey:
     return row["recording"], row["camera"], row["timestamp_ns"]
 
 
-def _pictures(processed: ProcessedFrame) -> dict[str, str]:
-    """Addresses of the "areas", of the "panels", and of each evaluated object enlarged, "track <id>"."""
-    reference, name, layers = processed.reference, formats.frame_name(processed.reference), scored_layers(processed)
-    drawn = {
-        f"track {target.track_id}": figures.figure_uri(draw_close_up(layers, target, name=name))
-        for target in reference.objects
-        if target.status is Status.EVALUATED
-    }
-    panels = figures.figure_uri(draw_panels(processed))
-    return drawn | {"areas": figures.figure_uri(draw_frames([layers], name=name)), "panels": panels}
+def _pictures(processed: ProcessedFrame, *, panels: bool) -> dict[str, str]:
+    """Addresses of the "areas" and, where they are wanted, of the "panels" of an image."""
+    areas = draw_frames([scored_layers(processed)], name=formats.frame_name(processed.reference))
+    more = {"panels": draw_panels(processed)} if panels else {}
+    return {name: figures.figure_uri(figure) for name, figure in {"areas": areas, **more}.items()}
 
 
-def _shown(drawn: Mapping[str, str], title: str, track: str) -> Iterator[Block]:
-    """The picture of a case, the object enlarged, and what each step saw."""
+def _shown(drawn: Mapping[str, str], title: str) -> Iterator[Block]:
+    """The picture of a case, and what each step saw."""
     yield Picture(drawn["areas"], f"Camera image of {title}: green found, blue missed, orange wrong")
-    if track:
-        yield Picture(drawn[f"track {track}"], f"{title}, enlarged")
     panels = Picture(drawn["panels"], f"Flow, deviations, likelihood and segmentation of {title}")
     yield Group(look="folded", title="Panels: what each step saw", blocks=[panels])
 
@@ -355,7 +330,7 @@ def _object_section(run: StoredRun, elements: Elements) -> Group:
     )
     choices = [Choice(tag, label, EVALUATED if tag == "outcome" else "") for tag, label in FILTERS.items()]
     blocks: list[Block] = [Paragraph(about), Code(_view_command(run)), Filters(choices, "Search"), table]
-    return Group(look="section", name="frames", title="Object-frames", blocks=blocks)
+    return section("frames", "Object-frames", blocks)
 
 
 def _view_command(run: StoredRun) -> str:
@@ -435,26 +410,41 @@ def write_page(
     """
     run = read_run(folder)
     charts = figures.draw_charts(run)
-    boxes, elements, missing = worst_cases(run, pictures=pictures, progress=progress)
-    worst: list[Block] = [
-        Paragraph("The object-frames of each kind that were found least, one of each object, and the images with most "
-                  f"false marks, the worst first. {COLOURS}"), *map(_missing, missing), *boxes,
-    ]  # fmt: skip
+    worst = [*worst_objects(run.objects, most=WORST), *worst_frames(run.frames, most=WORST)]
+    examples = dict([*example_frames(run.objects).items()][:EXAMPLES])
+    of_worst = {_image_key(row) for row in worst}
+    drawn, missing = draw_images(
+        [run],
+        {*of_worst, *examples.values()} if pictures else (),
+        lambda key, frames, _: _pictures(frames[0], panels=key in of_worst),
+        progress=progress,
+    )
+    boxes, elements = _worst_boxes(worst, drawn, pictures=pictures)
     sections = [
-        Group(look="section", name="glance", title="At a glance",
-              blocks=[*_glance(run, pictures=pictures and not missing)]),
+        section("glance", "At a glance", _glance(run, _examples(examples, drawn))),
         *_measured(run, charts),
-        Group(look="section", name="worst", title="Worst cases", blocks=worst),
+        section("worst", "Worst cases", [
+            Paragraph("The object-frames of each kind that were found least, one of each object, and the images with "
+                      f"most false marks, the worst first. {COLOURS}"),
+            *(Paragraph(f"Pictures are missing: {problem}", "warn") for problem in missing), *boxes]),
         _object_section(run, elements),
         *_origin(run),
     ]  # fmt: skip
     title, file = f"{run.manifest.method.name} on {run.manifest.dataset.name}", out or run.folder / "index.html"
-    write_output(file, to_page(title, [*_head(run), *sections], folder=run.folder))
-    drawn = [
-        figures.write_picture(run.folder / "figures" / name, chart.figure, formats=("pdf", "png"))
-        for name, chart in charts.items()
-    ]
-    return (file, *(picture for pair in drawn for picture in pair)), tuple(missing)
+    write_output(file, to_page(title, [*_head(run), *sections]))
+    files = [file]
+    for name, chart in charts.items():
+        files += figures.write_picture(run.folder / "figures" / name, chart, "pdf", "png")
+    return tuple(files), tuple(missing)
+
+
+def _examples(examples: Mapping[Category, ImageKey], drawn: Drawn) -> list[Block]:
+    """The images in which the largest objects of some kinds of motion are."""
+    titles = {key: f"{formats.LABELS[kind]}, the largest object: {formats.image_name(*key)}"
+              for kind, key in examples.items() if key in drawn}  # fmt: skip
+    pictures = Group(look="pairs", blocks=[Picture(drawn[key]["areas"], title, title) for key, title in titles.items()])
+    about = f"{COLOURS} These are the largest objects; what was found least is among the worst cases."
+    return [pictures, Paragraph(about, "dim")] if titles else []
 
 
 def _head(run: StoredRun) -> list[Block]:
@@ -462,9 +452,9 @@ def _head(run: StoredRun) -> list[Block]:
     data, method = manifest.dataset, manifest.method
     settings = ", ".join(f"{name} = {value}" for name, value in method.changed_settings().items())
     split = f", split {data.split}" if data.split else ""
-    images = f"{summary.images.evaluated} images of {summary.false_positives.recordings} recordings"
+    of = counted(summary.images.evaluated, "image"), counted(summary.false_positives.recordings, "recording")
     about = {
-        "Data": f"{data.name} ({data.card}){split}: {images}. {summary.caveats}".rstrip(),
+        "Data": f"{data.name} ({data.card}){split}: {' of '.join(of)}. {summary.caveats}".rstrip(),
         "Method": f"{method.name} ({method.place}); {settings or 'all settings as by default'}.",
         "Protocol": f"{manifest.protocol.name}, version {manifest.protocol.version}",
         "Run": f"{run.label}, {summary.provenance.started_utc[:16]} UTC, fisheye-bench {manifest.code.version}",
@@ -478,15 +468,14 @@ def _head(run: StoredRun) -> list[Block]:
     return [Paragraph(intro), _about_table(about)]
 
 
-def _glance(run: StoredRun, *, pictures: bool) -> Iterator[Block]:
+def _glance(run: StoredRun, examples: Sequence[Block]) -> Iterator[Block]:
     metrics, failures = run.metrics, run.summary.failures
     yield tiles(metrics, large_px=run.protocol.scoring.false_positive_component_px)
     yield from remarks(metrics)
     if failures:
-        text = f"{len(failures)} failures while scoring: all values are of the rest, the last section lists them."
-        yield Paragraph(text, "bad")
-    if pictures:
-        yield from _examples(run)
+        few = counted(len(failures), "failure")
+        yield Paragraph(f"{few} while scoring: all values are of the rest, the last section lists them.", "bad")
+    yield from examples
     words = {
         find_metric(name).label: find_metric(name).meaning
         for name in [*formats.headline_metrics(metrics), formats.LARGE_FALSE]
@@ -503,53 +492,53 @@ def _results(run: StoredRun) -> list[Block]:
     return [results_table(rows, title="In percent"), *notes]
 
 
-def _measured(run: StoredRun, charts: Mapping[str, figures.Chart]) -> Iterator[Group]:
+def _measured(run: StoredRun, charts: Mapping[str, Figure]) -> Iterator[Group]:
     """The sections that need no picture of an image."""
-    section = partial(Group, look="section")
     metrics, summary = run.metrics, run.summary
-    yield section(name="results", title="Results by kind of motion", blocks=_results(run))
-    yield section(name="splits", title="Broken down", blocks=[
+    yield section("results", "Results by kind of motion", _results(run))
+    yield section("splits", "Broken down", [
         Paragraph("The same object-frames sorted in other ways, to see where the method fails. Bins are half-open: "
                   "[2, 4) holds 2 but not 4. The line across a bar is the 95 % interval. Of many rows one may be "
                   "lowest by chance."), *breakdown_tables(metrics)])  # fmt: skip
     by_recording = _recording_table(run)
-    yield section(name="recordings", title="By recording", blocks=[
+    yield section("recordings", "By recording", [
         Paragraph("Where to look first: a name shows its object-frames in the table below."), by_recording,
     ])  # fmt: skip
     around: list[Block] = [
         Paragraph("The ground seen from above, the ego vehicle in the middle driving upwards: yellow cells mark places "
                   "where objects were found, dark ones where they were missed; hatched cells hold too few to say."),
-        *([Paragraph(formats.CORE)] if formats.found_level(run.protocol) else []), charts["range_map"].drawing(),
+        *([Paragraph(formats.CORE)] if formats.found_level(run.protocol) else []),
+        figures.drawing("range_map", charts["range_map"], AROUND),
     ]  # fmt: skip
-    yield section(name="around", title="Around the ego vehicle", blocks=around)
+    yield section("around", "Around the ego vehicle", around)
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     if "threshold_sweep" in charts:
-        yield section(name="threshold", title="Other thresholds", blocks=[
+        yield section("threshold", "Other thresholds", [
             Paragraph("What other thresholds of the motion likelihood would give: more found on the way up, more "
                       f"wrongly marked on the way right. The dot is the run as it was scored. {over_all}".rstrip()),
-            Group(look="charts", blocks=[charts["threshold_sweep"].drawing()])])  # fmt: skip
+            Group(look="charts", blocks=[
+                figures.drawing("threshold_sweep", charts["threshold_sweep"], THRESHOLDS)])])  # fmt: skip
     if causes := _cause_table(metrics):
-        yield section(name="causes", title="Causes of the false marks", blocks=[
+        yield section("causes", "Causes of the false marks", [
             Paragraph("Every falsely marked pixel is counted for the part of the method that contributes most to "
                       "the likelihood there."), causes])  # fmt: skip
 
 
 def _origin(run: StoredRun) -> Iterator[Group]:
     """How the values came about, and what is not among them."""
-    section = partial(Group, look="section")
     summary, made = run.summary, run.summary.provenance
-    yield section(name="origin", title="Origin of the values", blocks=[
+    yield section("origin", "Origin of the values", [
         Paragraph(f"What made this run, started {made.started_utc}; the same code, settings and data give the same "
                   f"values. At most {made.peak_memory_mb:.0f} MB of memory."),
         Group(look="folded", title="manifest.json", blocks=[Code(run.manifest.model_dump_json(indent=1))]),
     ])  # fmt: skip
     messages = [f"{number} x {problem}" for problem, number in summary.images.problems.items()]
-    yield section(name="ledger", title="What was left out, and why", blocks=[
+    yield section("ledger", "What was left out, and why", [
         Paragraph("Every annotated object in every image ends in exactly one of these lines; detections on ignored "
                   "objects count neither as right nor as wrong."),
         _ledger(run.metrics),
         *_folded("Messages of images that were not scored", messages),
-        *_folded(f"{len(summary.failures)} failures", summary.failures)])  # fmt: skip
+        *_folded(counted(len(summary.failures), "failure"), summary.failures)])  # fmt: skip
 
 
 def _folded(title: str, lines: Sequence[str]) -> list[Group]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -38,10 +38,11 @@ BESIDE_NOTE = (
 CHANCE_NOTE = (
     "Chance: the same objects on the mask of another frame; none where recordings are shorter than chance_lag_s."
 )
-COVERAGE_NOTE = (
-    "TPR: mean coverage, IoU: mean intersection over union, of the detected object-frames or of all. Ceiling: "
-    f"{formats.CEILING}. Unknown: share of an object's pixels in its unknown band, where nothing counts."
-)
+COVERAGE_NOTE = "TPR: mean coverage, IoU: mean intersection over union, of the detected object-frames or of all."
+COLUMN_NOTES = {
+    "ceiling_iou": f"Ceiling: {formats.CEILING}.",
+    "unknown_share": "Unknown: share of an object's pixels in its unknown band, where nothing counts.",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,9 +142,7 @@ def results_table(rows: Sequence[TableRow], *, title: str, short: bool = False) 
         short: for 100 columns: the metrics of `ON_TERMINAL`, the ends of intervals in whole percent.
     """
     rows = [row for row in rows if row.frames or row.name == FALSE_POSITIVES]
-    known = {name for row in rows for name in row.metrics}
-    names = [*COVERAGES, "detection_rate", *formats.detection_levels(known), "ceiling_iou", "unknown_share"]
-    names = [name for name in names if name in known and (name in ON_TERMINAL or not short)]
+    names = _columns(rows, short=short)
     interval = formats.short_interval if short else formats.interval
 
     def cells(row: TableRow) -> list[Cell | None]:
@@ -159,6 +158,13 @@ def results_table(rows: Sequence[TableRow], *, title: str, short: bool = False) 
     )
 
 
+def _columns(rows: Sequence[TableRow], *, short: bool) -> list[str]:
+    """Names of the metrics in the table of these rows."""
+    known = {name for row in rows for name in row.metrics}
+    names = [*COVERAGES, "detection_rate", *formats.detection_levels(known), "ceiling_iou", "unknown_share"]
+    return [name for name in names if name in known and (name in ON_TERMINAL or not short)]
+
+
 def _label(row: TableRow) -> Cell:
     """A kind of motion over its constraint and the paper's cases."""
     name, _, constraint = row.label.partition(" (")
@@ -171,11 +177,17 @@ def _cell(row: TableRow, name: str, interval: Callable[[tuple[float, float] | No
     if math.isnan(metric.value):
         return Cell("n/a", (f"({metric.cases} cases)",))
     below = [interval(metric.ci95)]
-    if name.startswith("detection_rate") and not math.isnan(chance := row.metrics[formats.chance_of(name)].value):
+    if not math.isnan(chance := _chance(row, name)):
         below.append(f"chance {100 * chance:.0f}")
     if name in row.paper:
         below += [f"paper {100 * row.paper[name]:.0f}", f"{row.difference_points(name):+.1f}"]
     return Cell(formats.hundredths(metric.value), tuple(filter(None, below)), "strong")
+
+
+def _chance(row: TableRow, name: str) -> float:
+    """The chance level of a detection rate; NaN of other metrics, and where it is not known."""
+    chance = row.metrics.get(formats.chance_of(name)) if name.startswith("detection_rate") else None
+    return math.nan if chance is None else chance.value
 
 
 def left_out_note(summary: Summary) -> str:
@@ -184,10 +196,18 @@ def left_out_note(summary: Summary) -> str:
     return f"Left out, without cases: {', '.join(without)}." if without else ""
 
 
-def legend(rows: Sequence[TableRow]) -> str:
-    """Return the note on how to read the table of these rows."""
+def legend(rows: Sequence[TableRow], *, short: bool = False) -> str:
+    """Return the note on how to read the tables of these rows: of what they show.
+
+    Args:
+        rows: of one or several tables.
+        short: as of `results_table`.
+    """
+    columns = _columns(rows, short=short)
     beside = [BESIDE_NOTE] if any(row.paper for row in rows) else []
-    return " ".join([CASES_NOTE, *beside, CHANCE_NOTE, COVERAGE_NOTE, formats.INTERVALS])
+    chance = [CHANCE_NOTE] if any(_chance(row, name) >= 0 for row in rows for name in columns) else []
+    of_columns = [note for name, note in COLUMN_NOTES.items() if name in columns]
+    return " ".join([CASES_NOTE, *beside, *chance, COVERAGE_NOTE, *of_columns, formats.INTERVALS])
 
 
 def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: str = "") -> Report:
@@ -208,7 +228,8 @@ def report(rows: Sequence[TableRow], *, notes: Sequence[str] = (), unreviewed: s
         for name, metric in row.metrics.items()
     ]  # fmt: skip
     table = results_table(rows, title="Results by kind of motion, in percent")
-    return Report(title="", blocks=[table, *map(Paragraph, (legend(rows), *filter(None, notes)))], numbers=numbers)
+    blocks: list[Block] = [table, *map(Paragraph, (legend(rows), *filter(None, notes)))]
+    return Report(title="", blocks=blocks, numbers=pd.DataFrame(numbers, dtype=object))
 
 
 def write_report_files(run: StoredRun) -> tuple[Path, ...]:
@@ -236,7 +257,7 @@ def total_lines(summary: RunSummary, protocol: Protocol) -> Iterator[str]:
     limits: dict[str, str] = {IgnoreReason.RANGE: f" (beyond {protocol.reference.range_limit_m:g} m)"}
     reasons = [f"{count} {reason}{limits.get(reason, '')}" for reason, count in ledger.ignored.items() if count]
     yield (
-        f"{ledger.annotated} annotated object-frames: {ledger.evaluated} evaluated, {ledger.static} static, "
+        f"{counted(ledger.annotated, 'annotated object-frame')}: {ledger.evaluated} evaluated, {ledger.static} static, "
         f"ignored: {', '.join(reasons) or 'none'}"
     )
     if summary.threshold_free is not None:
@@ -256,8 +277,9 @@ def nothing_scored(summary: RunSummary) -> str:
     if ledger.evaluated or not moving:
         return ""
     return (
-        f"no object was scored: all {moving} moving object-frames are ignored, for the reasons below; if they surprise "
-        "you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and `fisheye-bench view`"
+        f"no object was scored: {counted(moving, 'moving object-frame')} ignored, for the reasons below; if they "
+        "surprise you, calibration, ego-motion or boxes may be wrong: see `fisheye-bench validate` and "
+        "`fisheye-bench view`"
     )
 
 
@@ -271,12 +293,11 @@ def odd_masks(run: StoredRun) -> str:
     )
     if shares.empty or (shares.max() > 0 and shares.min() <= FILLED):
         return ""
+    masks = counted(len(shares), "mask")
     if shares.max() > 0:
-        what = f"each of the {len(shares)} masks marks more than half of the valid pixels; an inverted mask does that"
+        what = f"each of {masks} marks more than half of the valid pixels; an inverted mask does that"
     else:
-        what = (
-            f"none of the {len(shares)} masks marks anything; scores below the threshold, or of another scale, do that"
-        )
+        what = f"none of {masks} marks anything; scores below the threshold, or of another scale, do that"
     return f"{what}: see `fisheye-bench view`"
 
 
@@ -296,55 +317,32 @@ SWEEP = "sweep.csv"  # the runs in a folder with this file are values of a sweep
 METHOD_ONLY = "Injected errors reach the method only: the reference keeps the true calibration and ego-motion."
 
 
-def sweep_table(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Table:
-    """A row a value, over all moving objects."""
-    headings = [find_metric(name).label for name in formats.headline_metrics(next(iter(runs.values())))]
-    counts = ["Images", "Object-frames", "Recordings"]
-    return Table(
-        title=title,
-        columns=[setting, *counts, *(Column(text, formats.metric_cell) for text in headings)],
-        rows=[
-            [value, *_sweep_counts(summary).values(), *formats.headline_metrics(summary).values()]
-            for value, summary in runs.items()
-        ],
-        note=note,
-    )
-
-
 def sweep_report(setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = "") -> Report:
-    """One table over all moving objects, and how to read it; of numbers a line a value, ratios in [0, 1]."""
-    about = f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip()
-    numbers = []
-    for value, summary in runs.items():
-        row: dict[str, object] = {setting: value, **_sweep_counts(summary)}
-        for name, metric in formats.headline_metrics(summary).items():
-            row |= {name: metric.value} | {f"{name}.{end}": at for end, at in formats.ends(metric).items()}
-        numbers.append(row)
-    blocks: list[Block] = [Paragraph(about), sweep_table(setting, runs, title="")]
-    return Report(title=title, blocks=blocks, numbers=numbers, page=True)
-
-
-def _sweep_counts(summary: RunSummary) -> dict[str, int]:
-    moving, images = summary.all_moving, summary.images.evaluated
-    return {"images": images, "object_frames": moving.object_frames, "recordings": moving.recordings}
-
-
-def write_sweep(
-    folder: Path, setting: str, runs: Mapping[str, RunSummary], *, title: str, note: str = ""
-) -> tuple[Path, ...]:
-    """Write the page `sweep.html` with a chart, `.md` and `.csv`; their paths.
+    """A row a value over all moving objects, with a chart; of numbers a line a value, ratios in [0, 1].
 
     Args:
-        folder: of the sweep.
         setting: that was changed.
         runs: by value, in the order in which they are shown.
         title: stands above table and chart.
         note: how to read them.
     """
-    from bench.reporting.figures import Chart, draw_sweep  # matplotlib, which no table needs
+    from bench.reporting.figures import draw_sweep, drawing  # matplotlib, which no other table needs
 
     metrics = {value: formats.headline_metrics(summary) for value, summary in runs.items()}
+    rows, numbers = list[list[object]](), list[dict[str, object]]()
+    for value, summary in runs.items():
+        moving, images = summary.all_moving, summary.images.evaluated
+        counts = {"images": images, "object_frames": moving.object_frames, "recordings": moving.recordings}
+        rows.append([value, *counts.values(), *metrics[value].values()])
+        numbers.append({setting: value, **counts})
+        for name, metric in metrics[value].items():
+            numbers[-1] |= {name: metric.value} | {f"{name}.{end}": at for end, at in formats.ends(metric).items()}
+    headings = [Column(find_metric(name).label, formats.metric_cell) for name in next(iter(metrics.values()))]
+    table = Table(
+        columns=[setting, "Images", "Object-frames", "Recordings", *headings],
+        rows=rows,
+        note=f"IoU and TPR are averages over all object-frames that move. {formats.INTERVALS} {note}".rstrip(),
+    )
     label = f"Headline metrics for each value of {setting}"
-    chart = Chart(name="sweep", figure=draw_sweep(setting, metrics, title=title), label=label)
-    told = sweep_report(setting, runs, title=title, note=note)
-    return replace(told, blocks=[*told.blocks, chart.drawing()]).write(folder, "sweep")
+    chart = drawing("sweep", draw_sweep(setting, metrics, title=title), label)
+    return Report(title=title, blocks=[table, chart], numbers=pd.DataFrame(numbers), page=True)

@@ -36,7 +36,7 @@ from bench.gate.verdict import (
     worst_line,
     worst_text,
 )
-from bench.plain_text import plain
+from bench.plain_text import counted, plain
 from bench.reporting import document
 from bench.reporting.document import Block, Cell, Code, Group, Heading, Items, Paragraph, Style, Table
 
@@ -58,8 +58,8 @@ def to_annotations(verdict: Verdict) -> list[str]:
     slices = _by_slice(row for row in failed if not is_overlapping(row))
     told += [(f"gate: {name}", _slice_text(rows)) for name, rows in slices.items()]
     if breakdowns := [row for row in failed if is_overlapping(row)]:
-        count = len({row.slice_name for row in breakdowns})
-        text = f"{len(breakdowns)} metrics failed in {count} of their slices, the worst: {row_text(breakdowns[0])}"
+        slices_failed = counted(len({row.slice_name for row in breakdowns}), "slice")
+        text = f"{counted(len(breakdowns), 'metric')} failed in {slices_failed}, the worst: {row_text(breakdowns[0])}"
         told.append(("gate: breakdowns", text))
     lines = [_error(title, message) for title, message in told[:MOST]]
     return [*lines, f"and {len(told) - MOST} more"] if len(told) > MOST else lines
@@ -179,9 +179,9 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
         yield Code("fisheye-bench gate RUN --update")
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
-        title = f"{len(others)} other rows, those of breakdowns among them"
+        title = f"{counted(len(others), 'other row')}, those of breakdowns among them"
         cut = len(others) - MOST_ROWS
-        note = f"{cut} more rows are left out, all are in the JSON and JUnit files." if cut > 0 else ""
+        note = f"Left out: {counted(cut, 'more row')}, all are in the JSON and JUnit files." if cut > 0 else ""
         yield Group(look="folded", title=title, blocks=[row_table(others[:MOST_ROWS], with_notes=True, caption=note)])
 
 

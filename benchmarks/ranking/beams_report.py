@@ -135,4 +135,4 @@ def _draw_panel(axes: Axes, title: str, found: Beams) -> None:
 def write_beams_files(folder: Path, found: Beams) -> tuple[Path, ...]:
     """Write `beams.md`, `beams.png` and `beams.svg`; their paths."""
     write_text(folder / "beams.md", report(found))
-    return (folder / "beams.md", *figures.write_picture(folder / "beams", draw_beams(found)))
+    return (folder / "beams.md", *figures.write_picture(folder / "beams", draw_beams(found), "png", "svg"))

@@ -274,4 +274,4 @@ def _draw_row(axes: Axes, name: str, ranking: Ranking) -> None:
 def write_ranking_files(folder: Path, ranking: Ranking) -> tuple[Path, ...]:
     """Write `ranking.md`, `ranking.png` and `ranking.svg`; their paths."""
     write_text(folder / "ranking.md", report(ranking))
-    return (folder / "ranking.md", *figures.write_picture(folder / "ranking", draw_ranking(ranking)))
+    return (folder / "ranking.md", *figures.write_picture(folder / "ranking", draw_ranking(ranking), "png", "svg"))

@@ -23,12 +23,6 @@ def runs(folder):
     return folder / "frame-difference", folder / "nothing"
 
 
-def test_every_name_is_there_and_loaded_from_its_module():
-    for name in bench.__all__:
-        assert getattr(bench, name).__name__ == name
-        assert getattr(bench, name).__doc__
-
-
 def test_a_comparison_takes_folders_and_runs_and_writes_where_it_is_told(runs, tmp_path):
     before, after = bench.load_run(runs[0]), str(runs[1])
     found = bench.compare(before, after, out=tmp_path / "c", pictures=False)

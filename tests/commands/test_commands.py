@@ -9,7 +9,7 @@ import pytest
 
 import bench
 from bench.commands.app import COMMANDS
-from tests.support.commands import call, error_line
+from tests.support.commands import call, error_line, output_of
 
 
 @pytest.fixture
@@ -19,17 +19,15 @@ def not_rendered(tiny_card, tmp_path):
     return folder / tiny_card.name
 
 
-def test_help_lists_every_command(monkeypatch, capsys):
-    assert call(monkeypatch, "--help") == 0
-    shown = capsys.readouterr().out
+def test_help_lists_every_command():
+    shown = output_of("--help")
     assert all(f"  {name} " in shown for names in COMMANDS.values() for name in names)
     assert [shown.index(f"\n{panel}:\n") for panel in COMMANDS] == sorted(shown.index(f"\n{p}:\n") for p in COMMANDS)
 
 
-def test_run_writes_the_report_and_ends_with_the_table(monkeypatch, capsys, tiny_card, tmp_path):
+def test_run_writes_the_report_and_ends_with_the_table(tiny_card, tmp_path):
     out = tmp_path / "run"
-    assert call(monkeypatch, "run", tiny_card, "--out", out) == 0
-    shown = capsys.readouterr().out
+    shown = output_of("run", tiny_card, "--out", out)
     for name in ("summary.json", "table.md", "table.csv"):
         assert (out / "paper-v1" / name).stat().st_size > 100
     for name in ("summary.json", "table.md"):
@@ -55,8 +53,8 @@ def test_a_run_that_scores_no_object_says_so_above_its_table(monkeypatch, capsys
     run = ("run", tiny_card, "--method", "nothing", "--protocol", rules, "--no-pictures", "--out", tmp_path / "run")
     assert call(monkeypatch, *run) == 0
     _, objects, masks, *_ = capsys.readouterr().out.splitlines()
-    assert masks.startswith("none of the 12 masks marks anything")
-    assert objects.startswith("no object was scored: all 12 moving object-frames are ignored")
+    assert masks.startswith("none of 12 masks marks anything")
+    assert objects.startswith("no object was scored: 12 moving object-frames ignored")
 
 
 def test_a_quick_look_scores_some_images_of_some_recordings(monkeypatch, tiny_card, tmp_path):
@@ -143,22 +141,19 @@ def test_a_mistake_is_one_clear_line_before_anything_is_rendered(
     assert not (tmp_path / "out").exists()
 
 
-def test_synthesize_keeps_what_is_there(monkeypatch, capsys, tiny_card):
+def test_synthesize_keeps_what_is_there(tiny_card):
     scenario = tiny_card.parent / "tiny.scenario.yaml"
-    assert call(monkeypatch, "synthesize", scenario, "--out", tiny_card.parent / "data" / "tiny") == 0
-    assert "3 recordings in" in capsys.readouterr().out
+    assert "3 recordings in" in output_of("synthesize", scenario, "--out", tiny_card.parent / "data" / "tiny")
 
 
-def test_lists(monkeypatch, capsys):
+def test_lists(monkeypatch):
     told = {"datasets": "Three rendered drives", "methods": "The paper's method", "protocols": "surface-patches",
             "formats": "ASAM OpenLABEL"}  # fmt: skip
     for what, line in told.items():
-        assert call(monkeypatch, "list", what) == 0
-        shown = capsys.readouterr().out
+        shown = output_of("list", what)
         assert [word for word, other in told.items() if other in shown] == [what]
         assert line in shown
-    assert call(monkeypatch, "list") == 0
-    shown = capsys.readouterr().out
+    shown = output_of("list")
     assert all(line in shown for line in told.values())
     assert call(monkeypatch, "list", "methods", "--schema", "card") == 2
 
@@ -170,8 +165,7 @@ def test_names_are_looked_up_in_three_folders(monkeypatch, capsys, tiny_card, tm
         (tmp_path / folder).mkdir()
         card = tiny_card.read_text().replace("title: Three rendered drives", f"title: {title},")
         (tmp_path / folder / "tiny.yaml").write_text(card)
-        assert call(monkeypatch, "list", "datasets") == 0
-        shown = capsys.readouterr().out
+        shown = output_of("list", "datasets")
         assert f" {title}," in shown
         assert all(f"\n{name} " in shown for name in ("demo", "paper", "woodscape"))
         assert f"{tmp_path / 'own'}: 1 card" in " ".join(shown.split())
@@ -199,8 +193,7 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
     assert f"card {tiny_card}, root data/tiny" in shown.err
     assert call(monkeypatch, "run", "nowhere.yaml", "-v") == 2
     assert "Traceback" in capsys.readouterr().err
-    assert call(monkeypatch, "--version") == 0
-    assert capsys.readouterr().out == f"fisheye-bench {bench.__version__}\n"
+    assert output_of("--version") == f"fisheye-bench {bench.__version__}\n"
 
 
 def test_python_m_bench_is_the_same_command():
@@ -210,10 +203,9 @@ def test_python_m_bench_is_the_same_command():
     assert "spherical" in done.stdout
 
 
-def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch, capsys):
+def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", "/somewhere")
-    assert call(monkeypatch, "--version", "--verbose") == 0
-    shown = capsys.readouterr().out
+    shown = output_of("--version", "--verbose")
     for line in (f"fisheye-bench {bench.__version__}", "commit: ", " cores", "numpy ", "optional: distributed ",
                  "opencv-python not installed", "FISHEYE_BENCH_CACHE=/somewhere"):  # fmt: skip
         assert line in " ".join(shown.split())

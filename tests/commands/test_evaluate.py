@@ -186,7 +186,7 @@ def test_scores_on_another_scale_are_told_with_the_largest_and_the_threshold(eva
     told = " ".join(capsys.readouterr().out.split())
     assert "the largest score is 0.1526, and above 0.51 a pixel moves, so that none does" in told
     run = tmp_path / "run" / "paper-v1"
-    assert odd_masks(read_run(run)).startswith("none of the 12 masks marks anything")
+    assert odd_masks(read_run(run)).startswith("none of 12 masks marks anything")
     report = json.loads((run / "predictions.json").read_text())
     assert (report["largest"], report["threshold"]) == (pytest.approx(10_000 / 65535), 0.51)
 

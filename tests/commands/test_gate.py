@@ -13,7 +13,7 @@ from bench.gate import find_baseline, read_run_sums, write_baseline
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder
-from tests.support.commands import call, error_line
+from tests.support.commands import call, error_line, output_of
 from tests.support.manifests import manifest
 from tests.support.runs import run_one
 from tests.support.stored_files import change_manifest
@@ -44,9 +44,8 @@ def runs(tiny_card, tmp_path_factory) -> dict[str, Path]:
     return {path.stem: path for path in folder.iterdir()}
 
 
-def test_the_same_run_passes(monkeypatch, capsys, runs):
-    assert call(monkeypatch, "gate", runs["spherical"], "--baseline", runs["baseline"]) == 0
-    shown = capsys.readouterr().out
+def test_the_same_run_passes(runs):
+    shown = output_of("gate", runs["spherical"], "--baseline", runs["baseline"])
     assert "gate passed: " in shown
     assert "::error" not in shown
 
@@ -56,20 +55,18 @@ def test_without_a_named_baseline_the_usual_one_is_taken(monkeypatch, capsys, ru
     assert call(monkeypatch, "gate", runs["spherical"]) == 3
     assert "reports/baselines/tiny: no baseline there" in capsys.readouterr().err
     assert call(monkeypatch, "gate", runs["spherical"], "--update", "--allow-dirty") == 0
-    assert call(monkeypatch, "gate", runs["spherical"]) == 0
-    assert "baseline reports/baselines/tiny\n" in capsys.readouterr().out
+    assert "baseline reports/baselines/tiny\n" in output_of("gate", runs["spherical"])
     assert find_baseline(manifest(protocol=load_protocol("extended-v1"))) == Path("reports/baselines/demo-extended-v1")
     assert find_baseline(manifest()) == shipped_folder("baselines") / "demo"
     assert find_baseline(manifest(), own=True) == Path("reports/baselines/demo")
 
 
-def test_a_worse_run_fails_in_every_form(monkeypatch, capsys, runs, tmp_path):
+def test_a_worse_run_fails_in_every_form(monkeypatch, runs, tmp_path):
     summary = tmp_path / "summary.md"
     summary.write_text("earlier words\n")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(summary))
     files = ("--junit", tmp_path / "ci" / "gate.xml", "--json", tmp_path / "gate.json")
-    assert call(monkeypatch, "gate", runs["nothing"], "--baseline", runs["baseline"], *files, "--github") == 1
-    shown = capsys.readouterr().out
+    shown = output_of("gate", runs["nothing"], "--baseline", runs["baseline"], *files, "--github", status=1)
     lines = [line for line in shown.splitlines() if line.startswith("::error ")]
     assert 0 < len(lines) <= 10
     first = shown.splitlines()[:15]

@@ -10,7 +10,7 @@ import pytest
 from bench import plug_ins
 from bench.errors import DataError
 from bench.recordings import catalogue
-from tests.support.commands import call, error_line
+from tests.support.commands import call, error_line, output_of
 
 
 @pytest.fixture
@@ -26,9 +26,8 @@ def place(tmp_path, monkeypatch, tiny_card):
 
 
 @pytest.mark.slow
-def test_a_new_method_scores_as_it_is(place, monkeypatch, capsys):
-    assert call(monkeypatch, "new", "method", "grey-change") == 0
-    told = capsys.readouterr().out
+def test_a_new_method_scores_as_it_is(place, monkeypatch):
+    told = output_of("new", "method", "grey-change")
     assert "grey_change.py\n" in told
     assert "fisheye-bench run tiny --method grey_change:GreyChange" in told
     words = ("--method", "grey_change:GreyChange", "--set", "threshold=20", "--no-pictures")
@@ -46,10 +45,10 @@ def test_a_new_data_set_validates_and_scores_as_it_is(place, monkeypatch, capsys
     assert "python write_car_park.py" in capsys.readouterr().err
     program = importlib.import_module("write_car_park")
     program.write(program.FOLDER / "drive-01")
-    assert call(monkeypatch, "validate", "car-park") == 0
-    assert "0 errors and 0 warnings in 1 recording" in capsys.readouterr().out
-    assert call(monkeypatch, "run", "car-park", "--method", "everything", "--no-pictures") == 0
-    assert "11 annotated object-frames: 11 evaluated" in capsys.readouterr().out
+    assert "0 errors and 0 warnings in 1 recording" in output_of("validate", "car-park")
+    assert "11 annotated object-frames: 11 evaluated" in output_of(
+        "run", "car-park", "--method", "everything", "--no-pictures"
+    )
     tests = importlib.import_module("test_car_park")
     (place / "of its tests").mkdir()
     data = tests.written(place / "of its tests")
@@ -57,7 +56,7 @@ def test_a_new_data_set_validates_and_scores_as_it_is(place, monkeypatch, capsys
     tests.test_every_image_shows_its_object(data)
 
 
-def test_a_new_adapter_keeps_its_contract_and_is_found_by_its_entry_point(place, monkeypatch, capsys):
+def test_a_new_adapter_keeps_its_contract_and_is_found_by_its_entry_point(place, monkeypatch):
     assert call(monkeypatch, "new", "adapter", "lab_format") == 0
     monkeypatch.chdir(place / "lab-format")
     monkeypatch.syspath_prepend(place / "lab-format")
@@ -68,8 +67,9 @@ def test_a_new_adapter_keeps_its_contract_and_is_found_by_its_entry_point(place,
     point = EntryPoint(name="lab-format", value="lab_format:recordings", group=catalogue.ENTRY_POINTS)
     assert f'{point.name} = "{point.value}"' in Path("pyproject.toml").read_text()
     monkeypatch.setattr(plug_ins, "installed_points", lambda group: [point] if group == point.group else [])
-    assert call(monkeypatch, "run", "lab-format.yaml", "--method", "nothing", "--out", "run", "--no-pictures") == 0
-    assert "2 images: 2 scored, 0 skipped, 0 failed" in " ".join(capsys.readouterr().out.split())
+    assert "2 images: 2 scored, 0 skipped, 0 failed" in " ".join(
+        output_of("run", "lab-format.yaml", "--method", "nothing", "--out", "run", "--no-pictures").split()
+    )
     next(Path("example/monday/scans").iterdir()).write_bytes(b"123")
     with pytest.raises(DataError, match="expected rows of 4 float32"):
         tests.check_adapter(tests.recordings, Path("example"))

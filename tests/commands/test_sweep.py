@@ -8,7 +8,7 @@ import pytest
 
 from bench.errors import UsageError
 from bench.methods.settings import parse_settings, split_values
-from tests.support.commands import call, error_line
+from tests.support.commands import call, error_line, output_of
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
 
@@ -17,27 +17,26 @@ def table(folder):
     return list(csv.DictReader((folder / "sweep.csv").open()))
 
 
-def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, capsys, tiny_card, tmp_path):
+def test_each_value_is_the_run_with_it_in_a_folder_of_its_own(monkeypatch, tiny_card, tmp_path):
     common = ("--set", "cell_size_px=8")
     words = ("sweep", tiny_card, *common, "--set", "threshold=2e-3,6e-4", "--out", tmp_path / "sweep")
-    assert call(monkeypatch, *words) == 0
-    shown = capsys.readouterr().out
+    shown = output_of(*words)
     for name in ("sweep.html", "sweep.csv", "sweep.md"):
         assert (tmp_path / "sweep" / name).stat().st_size > 100
         assert str(tmp_path / "sweep" / name) in shown
-    assert "threshold of spherical on tiny by paper-v1" in shown
+    assert "threshold of spherical on tiny by surface-v1" in shown
     assert "2 values; 24 images answered" in shown
     rows = table(tmp_path / "sweep")
     assert [row["threshold"] for row in rows] == ["0.002", "0.0006"]
-    run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--protocol", "paper-v1", "--out", tmp_path / "run")
+    run = ("run", tiny_card, *common, "--set", "threshold=0.002", "--protocol", "surface-v1", "--out", tmp_path / "run")
     assert call(monkeypatch, *run, "--no-pictures") == 0
     alone, value = (
-        json.loads((place / "paper-v1" / "summary.json").read_text())
+        json.loads((place / "surface-v1" / "summary.json").read_text())
         for place in (tmp_path / "run", tmp_path / "sweep" / "0.002")
     )
     assert alone | UNLIKE == value | UNLIKE
     assert float(rows[0]["iou"]) == alone["all_moving"]["iou"]["value"]
-    assert (tmp_path / "sweep" / "0.002" / "paper-v1" / "table.md").is_file()
+    assert (tmp_path / "sweep" / "0.002" / "surface-v1" / "table.md").is_file()
 
 
 @pytest.mark.slow
@@ -57,8 +56,7 @@ def test_a_second_call_finds_what_is_done_in_the_usual_folder(monkeypatch, capsy
 @pytest.mark.slow
 def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny_card, tmp_path):
     words = ("sweep", tiny_card, "--input-error", "pitch_rate_degps=0,4", "--out", tmp_path, "--split", "moving")
-    assert call(monkeypatch, *words) == 0
-    assert "the reference keeps the true calibration" in " ".join(capsys.readouterr().out.split())
+    assert "the reference keeps the true calibration" in " ".join(output_of(*words).split())
     assert "the reference keeps the true calibration" in (tmp_path / "sweep.md").read_text()
     true, wrong = table(tmp_path)
     assert float(wrong["false_positive_coverage"]) > float(true["false_positive_coverage"]) + 0.1
@@ -66,7 +64,7 @@ def test_errors_of_the_input_are_swept_in_the_same_way(monkeypatch, capsys, tiny
     late = ("--method", "nothing", "--input-error", "time_offset_ms=0,550", "--out", tmp_path / "late")
     assert call(monkeypatch, "sweep", tiny_card, *late) == 2, "some images cannot be used"
     assert "failed: 550: " in capsys.readouterr().out
-    assert "pitch_rate_degps 4" in json.loads((tmp_path / "4" / "paper-v1" / "summary.json").read_text())["caveats"]
+    assert "pitch_rate_degps 4" in json.loads((tmp_path / "4" / "surface-v1" / "summary.json").read_text())["caveats"]
 
 
 def test_settings_nest_numbers_are_numbers_and_values_are_yaml_between_commas():

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from tests.support.cards import write_card
-from tests.support.commands import call, error_line
+from tests.support.commands import call, error_line, output_of
 from tests.validation import drive
 
 
@@ -23,22 +23,20 @@ def folder(clean, tmp_path):
     return shutil.copytree(clean, tmp_path / "street")
 
 
-def test_a_clean_data_set_exits_with_0(monkeypatch, capsys, clean):
-    assert call(monkeypatch, "validate", clean / "street.yaml", "--deep") == 0
-    shown = capsys.readouterr().out
+def test_a_clean_data_set_exits_with_0(clean):
+    shown = output_of("validate", clean / "street.yaml", "--deep")
     assert "0 errors and 0 warnings in 1 recording; read 24 of 24 images and 16 of 16 sweeps" in shown
     assert "read as" not in shown, "that stands in the JSON"
 
 
-def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, folder):
+def test_faults_exit_with_1_and_stand_in_text_and_json(folder):
     images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
     images[3].write_bytes(images[3].read_bytes()[:100])
     images[7].write_bytes(b"[red]not a picture[/]")
     for image in images[15:21]:
         image.write_bytes(images[3].read_bytes())
     out = folder / "found" / "faults.json"
-    assert call(monkeypatch, "validate", folder / "street.yaml", "--json", out) == 1
-    shown = capsys.readouterr().out
+    shown = output_of("validate", folder / "street.yaml", "--json", out, status=1)
     lines = shown.splitlines()
     names = [f"images/front/{image.name}" for image in images]
     alike = f"{names[3]}, {names[15]}, {names[16]} and 4 more (7 times, first at {images[3].stem})"
@@ -73,12 +71,11 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(monkeypatch, capsys, fold
 
 
 @pytest.mark.slow
-def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys, folder):
+def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, folder):
     images = sorted((folder / "data" / "drive" / "images" / "front").iterdir())
     for path in images[10:13]:
         path.unlink()
-    assert call(monkeypatch, "validate", folder / "street.yaml") == 1
-    shown = capsys.readouterr().out
+    shown = output_of("validate", folder / "street.yaml", status=1)
     assert "0 errors and 1 warning" in shown
     assert "image-gaps" in shown
     assert call(monkeypatch, "validate", folder / "street.yaml", "--errors-only") == 0
@@ -87,7 +84,7 @@ def test_warnings_alone_exit_with_1_unless_only_errors_count(monkeypatch, capsys
 
 
 @pytest.mark.slow
-def test_one_bad_recording_does_not_stop_the_others(monkeypatch, capsys, folder):
+def test_one_bad_recording_does_not_stop_the_others(monkeypatch, folder):
     (folder / "data" / "broken").mkdir()
     (folder / "data" / "broken" / "recording.json").write_text('{"schema_version": 1}')
     out = folder / "faults.json"

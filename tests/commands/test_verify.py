@@ -15,7 +15,7 @@ from bench.harness import open_tables, read_run
 from bench.recordings.cards import shipped_folder
 from tests.conftest import DATASETS
 from tests.support.changed_data import without_scenario
-from tests.support.commands import call, error_line
+from tests.support.commands import call, error_line, output_of
 from tests.support.counts import change_table
 from tests.support.stored_files import change_manifest, change_summary
 
@@ -34,31 +34,25 @@ def run(tiny_card, tmp_path_factory) -> Path:
     return out
 
 
-def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(
-    run, tiny_card, tmp_path, monkeypatch, capsys
-):
+def test_a_run_as_it_was_stored_is_equal_and_called_verified_by_whoever_did_it(run, tiny_card, tmp_path, monkeypatch):
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "mine"))
     copied = shutil.copytree(run, tmp_path / "runs" / "copied")
     before = sorted(file.name for file in copied.rglob("*"))
-    assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
-    assert ", verified" not in capsys.readouterr().out
-    assert call(monkeypatch, "verify", copied, "--data", tiny_card) == 0
-    told = capsys.readouterr().out
+    assert ", verified" not in output_of("leaderboard", tmp_path / "runs")
+    told = output_of("verify", copied, "--data", tiny_card)
     assert f"data: card {tiny_card}, root {tiny_card.parent / 'data' / 'tiny'}" in told.replace("\n", "")
     assert "equal: " in told
     assert sorted(file.name for file in copied.rglob("*")) == before, "the run tells nothing of it"
-    assert call(monkeypatch, "leaderboard", tmp_path / "runs", "--out", tmp_path / "board") == 0
-    assert ", verified" in capsys.readouterr().out
+    assert ", verified" in output_of("leaderboard", tmp_path / "runs", "--out", tmp_path / "board")
     (group,) = json.loads((tmp_path / "board" / "leaderboard.json").read_text())["groups"]
     assert [entry["verified"] for entry in group["entries"]] == [True]
     change_summary(copied, lambda summary: summary["all_moving"]["iou"].update(value=0.99))
-    assert call(monkeypatch, "leaderboard", tmp_path / "runs") == 0
-    assert ", verified" not in capsys.readouterr().out, "it is another summary now"
-    assert call(monkeypatch, "verify", copied, "--data", tiny_card) == 1
-    assert "all_moving: other metrics than its counts give" in " ".join(capsys.readouterr().out.split())
+    assert ", verified" not in output_of("leaderboard", tmp_path / "runs"), "it is another summary now"
+    assert "all_moving: other metrics than its counts give" in " ".join(
+        output_of("verify", copied, "--data", tiny_card, status=1).split()
+    )
     monkeypatch.setenv("FISHEYE_BENCH_CACHE", str(tmp_path / "theirs"))
-    assert call(monkeypatch, "leaderboard", run.parent) == 0
-    assert ", verified" not in capsys.readouterr().out, "nobody else believes it"
+    assert ", verified" not in output_of("leaderboard", run.parent), "nobody else believes it"
 
 
 def test_images_that_cannot_be_read_fail_again_and_caveats_are_those_of_the_data(tiny_card, tmp_path, monkeypatch):

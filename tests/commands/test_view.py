@@ -13,7 +13,8 @@ from bench.commands.view import chosen_frames, parsed_span
 from bench.errors import UsageError
 from bench.recordings import ImageRef
 from tests.support import planting
-from tests.support.commands import call, error_line
+from tests.support.cards import write_card
+from tests.support.commands import call, error_line, output_of
 from tests.validation import drive
 
 
@@ -29,8 +30,7 @@ def turn_camera(head, degrees):
 def card(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
     drive.write_drive(folder / "data" / "drive")
-    (folder / "street.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
-    return folder / "street.yaml"
+    return write_card(folder, file="street.yaml", name="street")
 
 
 def pictures_of(path):
@@ -44,10 +44,9 @@ def pictures_of(path):
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
-def test_a_video_of_some_frames(monkeypatch, capsys, card, tmp_path, suffix):
+def test_a_video_of_some_frames(card, tmp_path, suffix):
     out = tmp_path / "films" / f"v{suffix}"
-    assert call(monkeypatch, "view", card, "--video", out, "--frame", "4:10:2") == 0
-    assert capsys.readouterr().out.split() == [str(out)]
+    assert output_of("view", card, "--video", out, "--frame", "4:10:2").split() == [str(out)]
     pictures = pictures_of(out)
     assert len(pictures) == 4
     assert pictures[0].shape[1] == 656  # the image and its margins
@@ -103,11 +102,10 @@ def test_the_calibration_of_each_camera_without_annotations_and_without_lidar(mo
     """Where the lidar's wall meets the image's moves with a camera that is turned in the head alone."""
     root = drive.write_drive(tmp_path / "data" / "drive")
     (root / "annotations.json").unlink()
-    (tmp_path / "card.yaml").write_text("name: street\ntitle: a street\nadapter: native\nroot: data\nlicence: x\n")
-    pictures = []
+    card, pictures = write_card(tmp_path), []
     for name, turn_deg in (("as-it-is", 0.0), ("turned", 10.0)):
         planting.change_head(root, lambda head, turn_deg=turn_deg: turn_camera(head, turn_deg))
-        assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / name) == 0
+        assert call(monkeypatch, "view", card, "--calibration", "--out", tmp_path / name) == 0
         (file,) = (tmp_path / name).rglob("*.png")
         assert file.parent.parent.name == "drive-front"
         assert file.name == "calibration.png"
@@ -117,7 +115,7 @@ def test_the_calibration_of_each_camera_without_annotations_and_without_lidar(mo
     assert differs[: height // 2].mean() > 0.01  # lidar
     assert differs[height // 2 :, width // 2 :].mean() > 0.002  # horizon and road
     shutil.rmtree(root / "lidar")
-    assert call(monkeypatch, "view", tmp_path / "card.yaml", "--calibration", "--out", tmp_path / "p") == 0
+    assert call(monkeypatch, "view", card, "--calibration", "--out", tmp_path / "p") == 0
     assert len(list((tmp_path / "p").rglob("calibration.png"))) == 1
 
 

@@ -163,6 +163,6 @@ def test_the_command_prints_the_tables_and_leaves_the_files(monkeypatch, capsys,
     shown = capsys.readouterr().out
     for text in ("How well the reference polygons", "lidar polygons", "Why cells of moving", "elsewhere"):
         assert text in shown
-    for name in ("audit.json", "audit.md", "causes-crossing.png"):
+    for name in ("audit.json", "audit.md"):
         assert (out / name).stat().st_size > 100
         assert str(out / name) in shown

@@ -29,7 +29,7 @@ def test_all_files_tell_the_same(tmp_path):
     for told in (page, text):
         assert "2 recordings, 30 s of sweeps." in told
         assert all(word in told for word in ("8 m", "97.5", "n/a", "87.5", "12.5"))
-        assert "5 more are in evaluate-tracks.csv" in told
+        assert "5 more in evaluate-tracks.csv" in told
         assert told.count("missed") == 21, "20 tracks and their explanation"
     assert "<animal>" not in page
     assert "&lt;animal&gt;" in page

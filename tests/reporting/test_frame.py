@@ -22,7 +22,6 @@ from bench.reporting.frame import (
     AREAS,
     Layers,
     PixelClass,
-    draw_close_up,
     draw_cluster,
     draw_frames,
     draw_panels,
@@ -154,16 +153,6 @@ def test_a_film_keeps_its_size_whatever_is_seen():
     assert len(sizes) == 1
 
 
-def test_a_close_up_shows_the_object_and_as_much_around_it():
-    frame = busy_frame()
-    figure = draw_close_up(scored_layers(processed(frame, frame.labels > 0)), frame.objects[2], name="demo")
-    (left, right), (bottom, top) = figure.axes[0].get_xlim(), figure.axes[0].get_ylim()
-    assert left < 420 < 590 < right
-    assert top < 200 < 320 < bottom
-    assert right - left == pytest.approx((bottom - top) * 4 / 3)
-    assert 0.4 < 170 / (right - left) < 0.6
-
-
 def seen_by_deuteranopes(colour):
     """Lab of "#rrggbb" without the green receptors (Vienot, Brettel and Mollon 1999, on linear light)."""
     linear = np.array(to_rgb(colour)) ** 2.2
@@ -254,7 +243,9 @@ def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_call
     pipeline = Mock()
     pipeline.references.geometry.return_value = cluster()["geometry"]
     pipeline.recording.vehicle_outline_m = cluster()["vehicle_outline_m"]
-    files = write_frame_pictures(processed, pipeline, tmp_path / "pictures", made_by="method own, protocol paper-v1")
+    files = write_frame_pictures(
+        reference, processed.image, pipeline, tmp_path / "pictures", made_by="method own", processed=processed
+    )
     names = ["panels.png", "areas.png", "cluster-.._x_y.png"]
     assert [file.name for file in files] == names
     assert sorted(names) == sorted(file.name for file in (tmp_path / "pictures").iterdir())

@@ -61,12 +61,12 @@ def test_values_of_a_sweep_are_no_entries_but_of_their_own_folder(tmp_path):
         assert [entry.run for entry in group.entries] == runs
 
 
-def test_damaged_runs_are_listed_with_their_fault(folder, tmp_path):
+def test_damaged_and_unfinished_runs_are_listed_with_their_fault(folder, tmp_path):
     found = read_leaderboard(folder)
-    faults = dict(found.damaged)
+    faults = dict(found.not_ranked)
     assert set(faults) == {"broken/paper-v1", "unfinished/paper-v1"}
     assert "objects.parquet" in faults["broken/paper-v1"]
-    assert "expected the folder of a finished run" in faults["unfinished/paper-v1"]
+    assert faults["unfinished/paper-v1"] == "not finished; the same `fisheye-bench run` goes on from there"
     write_leaderboard(found, tmp_path)
     for name in ("leaderboard.md", "leaderboard.json", "index.html"):
         assert "broken/paper-v1" in (tmp_path / name).read_text()

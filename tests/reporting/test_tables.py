@@ -3,43 +3,33 @@
 import csv
 import io
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
-import pyarrow as pa
 import pytest
 from matplotlib.colors import to_hex
 
-from bench.evaluation import (
-    FalsePositiveMetrics,
-    ObjectMetrics,
-    ThresholdFreeMetrics,
-    load_protocol,
-    sum_run,
-    summary_of,
-    write_sums,
-)
-from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.evaluation import FalsePositiveMetrics, ObjectMetrics, ThresholdFreeMetrics
 from bench.evaluation.summary import Metric
-from bench.harness.stored import SUMS, read_run, write_run
-from bench.reporting.document import to_csv, to_markdown
+from bench.harness import read_run
+from bench.reporting.document import to_markdown
 from bench.reporting.figures import BLUE, GREEN, PURPLE, VERMILION, draw_sweep
 from bench.reporting.formats import headline_metrics, interval, percent, short_interval
 from bench.reporting.run_tables import (
     COVERAGES,
     left_out_note,
+    legend,
     report,
     results_table,
     sweep_report,
     table_rows,
     threshold_free_line,
     write_report_files,
-    write_sweep,
 )
+from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 from tests.reporting.summaries import banded_summary, figure, summary
-from tests.support.counts import write_counts
-from tests.support.manifests import manifest, provenance
-from tests.support.result_rows import TableRows, frame_row, object_row
+from tests.support.stored_files import change_summary
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel", "static_camera")
 OF_PAPER = summary().model_copy(update={"false_positive_causes": dict.fromkeys(CONSTRAINTS, figure(0.2))})
@@ -56,7 +46,7 @@ def on_terminal(rows):
 
 
 def numbers(rows):
-    return list(csv.DictReader(io.StringIO(to_csv(report(rows).numbers))))
+    return list(csv.DictReader(io.StringIO(report(rows).numbers.to_csv())))
 
 
 def same(text, value):
@@ -132,7 +122,7 @@ def test_markdown_and_terminal_show_the_same_values():
 def test_nothing_to_average_is_said_and_not_made_up():
     assert percent(math.nan) == "n/a (0 cases)"
     assert left_out_note(summary()) == "Left out, without cases: static ego."
-    for text in (markdown(ROWS), on_terminal(ROWS), to_csv(report(ROWS).numbers)):
+    for text in (markdown(ROWS), on_terminal(ROWS), report(ROWS).numbers.to_csv()):
         assert "nan" not in text.lower()
     assert "Static" not in markdown(ROWS) + on_terminal(ROWS), "without cases"
 
@@ -155,27 +145,26 @@ def test_the_unknown_share_stands_beside_each_row_of_a_protocol_with_bands_and_o
     assert line.endswith(" 25.0<br>[20.0, 30.0] |")
 
 
+def test_the_legend_explains_what_its_table_shows():
+    banded = table_rows(banded_summary())
+    assert ["Unknown: " in legend(rows) for rows in (ROWS, banded)] == [False, True]
+    assert "Unknown: " not in legend(banded, short=True), "no column of the terminal"
+    assert "Ceiling: " not in legend(ROWS), "no ceiling is known"
+    alone = [replace(row, metrics={name: m for name, m in row.metrics.items() if "chance" not in name}) for row in ROWS]
+    assert ["Chance: " in legend(rows) for rows in (ROWS, alone)] == [True, False]
+
+
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
-    """A run of nine images with one crossing vehicle each, half of it found."""
-    run = tmp_path_factory.mktemp("run")
-    objects = pa.Table.from_pylist([object_row(n) for n in range(9)], schema=OBJECTS_SCHEMA)
-    frames = pa.Table.from_pylist([frame_row(n) for n in range(9)], schema=FRAMES_SCHEMA)
-    write_counts(run, objects, frames)
-    rules = load_protocol("paper-v1")
-    sums = sum_run(TableRows(objects), TableRows(frames), protocol=rules)
-    write_sums(sums, run / SUMS)
-    write_run(
-        run, summary_of(sums, protocol=rules), protocol=rules, manifest=manifest(method="empty"),
-        provenance=provenance(), caveats="Staged, not the paper's.",
-        vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
-    )  # fmt: skip
+    """A run of images with one crossing vehicle each, half of it found."""
+    run = write_run(tmp_path_factory.mktemp("run") / "run", drawn(50, categories=("crossing",)))
+    change_summary(run, lambda summary: summary.update(caveats="Staged, not the paper's."))
     return run
 
 
 def test_all_files_are_written_from_the_stored_results(stored):
     files = write_report_files(read_run(stored))
-    assert files == (stored / "table.md", stored / "table.csv")
+    assert files == (stored / "paper-v1" / "table.md", stored / "paper-v1" / "table.csv")
     assert files[0].read_text().rstrip().endswith("The data: Staged, not the paper's.")
     values = {(row["row"], row["metric"]): row["value"] for row in csv.DictReader(io.StringIO(files[1].read_text()))}
     assert float(values["crossing", "tpr"]) == 0.5
@@ -221,7 +210,7 @@ def axes_of(runs):
 
 def test_csv_and_markdown_have_one_line_per_value():
     told = sweep_report("threshold", RUNS | {"1": run(math.nan)}, title="", note="A note.")
-    lines = list(csv.DictReader(io.StringIO(to_csv(told.numbers))))
+    lines = list(csv.DictReader(io.StringIO(told.numbers.to_csv())))
     assert [line["threshold"] for line in lines] == ["3e-4", "6e-4", "1e-2", "1"]
     assert [line["object_frames"] for line in lines] == ["40", "38", "40", "40"]
     assert float(lines[1]["tpr_all"]) == 0.8 - 0.01, "at full precision"
@@ -241,7 +230,7 @@ def test_a_protocol_without_the_level_has_no_such_column():
     runs = {value: run(0.5, levels=("10",)) for value in ("1e-3", "2e-3")}
     told = sweep_report("threshold", runs, title="t")
     assert "Detection at 50 %" not in to_markdown(told.blocks)
-    assert "detection_rate_50" not in to_csv(told.numbers)
+    assert "detection_rate_50" not in told.numbers
     assert len(axes_of(runs).lines) == 3
 
 
@@ -266,6 +255,6 @@ def test_values_that_are_no_numbers_stand_side_by_side(values, at):
 
 
 def test_the_files_of_a_sweep(tmp_path):
-    files = write_sweep(tmp_path, "threshold", RUNS, title="threshold on demo")
+    files = sweep_report("threshold", RUNS, title="threshold on demo").write(tmp_path, "sweep")
     assert sorted(file.name for file in files) == ["sweep.csv", "sweep.html", "sweep.md"]
     assert "<svg" in (tmp_path / "sweep.html").read_text()

@@ -126,7 +126,7 @@ def test_a_fault_that_fails_many_rows_is_one_annotation_a_slice_and_says_what_ch
     titles = [line.split("::")[1].removeprefix("error title=gate%3A ") for line in lines]
     assert titles == ["all_moving", "crossing", "frames", "breakdowns"]
     assert "also failed: " in lines[0]
-    assert "12 metrics failed in 4 of their slices, the worst: " in lines[3]
+    assert "12 metrics failed in 4 slices, the worst: " in lines[3]
     *changed, noted, same = change_lines(one_fault)
     assert [*changed, same] == [
         "changed: settings: weights.epipolar = 0.5, was 1.0",
@@ -170,7 +170,7 @@ def test_annotations_escape_what_would_start_another_command(mixed):
     assert line == r"::error title=gate%3A data::100 %250A\r\n::error::injected"
     before, after = (scored({"points=[1, 2)": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))
     assert (
-        "1 metrics failed in 1 of their slices, the worst: tpr_all of points=[1, 2): 90.0 %25"
+        "1 metric failed in 1 slice, the worst: tpr_all of points=[1, 2): 90.0 %25"
         in to_annotations(verdict_of(before, after, ALL_DECIDE))[0]
     )
     (named,) = to_annotations(verdict_of(*(scored({"a:b,c": {"tpr_all": sums([v] * 6)}}) for v in (0.9, 0.1))))
@@ -186,7 +186,7 @@ def test_the_summary_tells_failures_first(mixed):
     assert "most in drive-5" in rows[1]
     assert "Suspect: worse than tolerated, but it may be chance" in text, "the word is explained where it is shown"
     folded = text[text.index("<details>") : text.index("</details>")]
-    assert folded.startswith("<details><summary>1 other rows, ")
+    assert folded.startswith("<details><summary>1 other row, ")
     assert f"\n{folded_lines(mixed)[-1]}\n" in text
     assert rows[2] not in folded
     assert rows[3] in folded
@@ -197,11 +197,11 @@ def test_the_summary_says_how_many_rows_it_leaves_out(one_fault, monkeypatch):
     assert "make this run the baseline:\n\n```\nfisheye-bench gate RUN --update\n```" in whole
     rows = whole.count("\n| ❌")
     shown = len(main_rows(one_fault)) + len(overall_rows(one_fault))
-    assert "left out" not in whole
+    assert "Left out" not in whole
     monkeypatch.setattr(verdict, "MOST_ROWS", 2)
     cut = to_markdown(one_fault)
     assert cut.count("\n| ❌") == shown + 2 < rows
-    assert f"{rows - shown - 2} more rows are left out, all are in the JSON and JUnit files." in cut
+    assert f"Left out: {rows - shown - 2} more rows, all are in the JSON and JUnit files." in cut
 
 
 def test_what_a_format_cannot_hold_is_escaped(mixed):

@@ -42,3 +42,10 @@ def called_here(*words: object, folder: Path | None = None) -> subprocess.Comple
             patched.chdir(folder)
         status = call(patched, *words)
     return subprocess.CompletedProcess(words, status, out.getvalue(), err.getvalue())
+
+
+def output_of(*words: object, status: int = 0) -> str:
+    """What a command prints that ends with a status."""
+    done = called_here(*words)
+    assert done.returncode == status, done.stderr
+    return done.stdout

@@ -29,6 +29,14 @@ def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Sum
     return summary_of(sum_run(TableRows(objects), TableRows(frames), protocol=protocol), protocol=protocol)
 
 
+def objects_table(rows):
+    return pa.Table.from_pylist(rows, schema=OBJECTS_SCHEMA)
+
+
+def frames_table(rows):
+    return pa.Table.from_pylist(rows, schema=FRAMES_SCHEMA)
+
+
 # Of an object; a test says those that it is about.
 NO_COUNTS = dict.fromkeys((field.name for field in fields(ObjectCounts)), 0)
 

@@ -9,8 +9,6 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.evaluation import (
-    FRAMES_SCHEMA,
-    OBJECTS_SCHEMA,
     Summary,
     load_protocol,
     sum_run,
@@ -22,7 +20,7 @@ from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
 from bench.harness.stored import SUMS
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
-from tests.support.result_rows import NO_COUNTS, TableRows
+from tests.support.result_rows import TableRows, frame_row, frames_table, object_row, objects_table
 
 RECORDINGS, IMAGES = 8, 4
 REGION_PX, IMAGE_PX = 100, 640 * 480
@@ -79,26 +77,20 @@ def _counted(
 ) -> tuple[pa.Table, pa.Table, pd.DataFrame, Summary]:
     """Objects and frames, their sums and metrics; tests draw the same few runs again and again."""
     rules = load_protocol(protocol)
-    objects = pa.Table.from_pylist([_object(*key, px, region_px) for key, px in detected], OBJECTS_SCHEMA)
+    objects = objects_table([_object(*key, px, region_px) for key, px in detected])
     images = sorted({key[:2] for key, _ in detected})
-    frames = pa.Table.from_pylist([_frame(*image, fp_px, region_px) for image in images], FRAMES_SCHEMA)
+    frames = frames_table([_frame(*image, fp_px, region_px) for image in images])
     sums = sum_run(TableRows(objects), TableRows(frames), protocol=rules)
     return objects, frames, sums, summary_of(sums, protocol=rules)
 
 
 def _object(recording: int, image: int, category: str, px: int, region_px: int) -> dict[str, object]:
-    return {
-        **NO_COUNTS, **_key(recording, image), "track_id": category, "object_class": "vehicle", "status": "evaluated",
-        "reason": None, "category": category, "direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5,
-        "speed_mps": 2.0, "points": 50, "polygon_px": region_px, "region_px": region_px, "tp": px,
-        "fn": region_px - px, "fp": 10, "unknown_px": 0, "chance_tp": 5,
-    }  # fmt: skip
+    what = {"track_id": category, "category": category, "polygon_px": region_px, "region_px": region_px}
+    return object_row(0) | _key(recording, image) | what | {"tp": px, "fn": region_px - px}
 
 
 def _frame(recording: int, image: int, fp_px: int, region_px: int) -> dict[str, object]:
-    counts = {field.name: 0 for field in FRAMES_SCHEMA if field.type == pa.int64()}
-    size = {"width": 640, "height": 480, "valid_px": 300_000, "fp_px": fp_px, "reference_px": region_px}
-    return counts | _key(recording, image) | size | {"status": "evaluated", "problem": None, "fp_by_cause": []}
+    return frame_row(0) | _key(recording, image) | {"fp_px": fp_px, "reference_px": region_px}
 
 
 def _key(recording: int, image: int) -> dict[str, object]:

@@ -20,7 +20,6 @@ from bench.reporting.compare import (
     Kind,
     Shown,
     compare_runs,
-    read_comparable,
     report,
     terminal_report,
     verdict_line,
@@ -38,7 +37,7 @@ CATEGORIES = ["crossing", "overtaking", "preceding", "approaching", "static_ego"
 
 
 def compared(*folders):
-    return compare_runs(read_comparable(folders))
+    return compare_runs(folders)
 
 
 def change(comparison, name, metric):
@@ -261,14 +260,10 @@ def test_recordings_are_set_beside_each_other(folders, tmp_path):
         assert line.split(" | ")[1:7] == expected
 
 
-def test_without_data_there_are_no_pictures_and_old_ones_go(folders, tmp_path, monkeypatch):
+def test_without_data_there_are_no_pictures(folders, tmp_path, monkeypatch):
     monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tmp_path)  # in which there is no card
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    for name in ("01-01-newly-missed.jpg", "mine.jpg"):
-        (pictures / name).write_bytes(b"")
     comparisons, _ = write_comparison(folders, tmp_path)
-    assert [file.name for file in pictures.iterdir()] == ["mine.jpg"]
+    assert all(comparison.pictures == () for comparison in comparisons)
     remarks = [comparison.remarks for comparison in comparisons]
     assert all(remark.startswith("no picture: nowhere.yaml") for (remark,) in remarks)
     assert "no picture: nowhere.yaml" in (tmp_path / "compare.md").read_text()
@@ -286,7 +281,7 @@ def test_the_page_leads_to_the_pages_of_the_runs(folders, tmp_path):
 
 
 def test_the_terminal_table_fits(folders):
-    comparison = compare_runs(read_comparable(folders))[0]
+    comparison = compare_runs(folders)[0]
     shown = printed(terminal_report(comparison), width=100)
     assert "…" not in shown
     assert "(Holm) \n" in shown, "the last column is whole"
@@ -316,8 +311,8 @@ def runs(tmp_path_factory):
 
 @pytest.mark.parametrize("order", [("whole", "later"), ("later", "whole")])
 def test_figures_are_those_of_the_images_that_both_scored(runs, order):
-    (found,) = compare_runs(read_comparable([runs[name] for name in order]))
-    (expected,) = compare_runs(read_comparable([runs["cut" if name == "whole" else name] for name in order]))
+    (found,) = compare_runs([runs[name] for name in order])
+    (expected,) = compare_runs([runs["cut" if name == "whole" else name] for name in order])
     assert found.images == (SCORED[order[0]], SCORED[order[1]], SCORED["later"])
     pd.testing.assert_frame_equal(found.changes, expected.changes)
     pd.testing.assert_frame_equal(found.detections, expected.detections)
@@ -346,11 +341,11 @@ def test_a_run_of_few_images_has_a_table_of_its_own(runs, tmp_path):
     few = write_run(tmp_path / "few", {key: px for key, px in WHOLE.items() if key[1] == 0})
     groups = read_leaderboard(tmp_path).groups
     assert sorted([entry.run for entry in group.entries] for group in groups) == [["few"], ["whole"]]
-    (compared,) = compare_runs(read_comparable([runs["whole"], few]))
+    (compared,) = compare_runs([runs["whole"], few])
     assert compared.images == (32, 8, 8)
 
 
 def test_no_common_image_is_said(runs, tmp_path):
     other = write_run(tmp_path / "other", {(r, n + IMAGES, kind): px for (r, n, kind), px in WHOLE.items()})
     with pytest.raises(UsageError, match="no image was scored by both; the first has 32, the second 32"):
-        compare_runs(read_comparable([runs["whole"], other]))
+        compare_runs([runs["whole"], other])

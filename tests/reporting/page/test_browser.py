@@ -1,14 +1,14 @@
 """All pages in a real browser, opened from disk: accessibility, widths, sorting, filters, pictures, long tables."""
 
-import base64
+from dataclasses import replace
 
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from bench.reporting.compare import compare_runs, read_comparable
+from bench.reporting.compare import compare_runs, frame_title
 from bench.reporting.compare import report as report_comparison
-from bench.reporting.document import Choice, Filters, Table, to_page
+from bench.reporting.document import Choice, Filters, Picture, Table, to_page
 from bench.reporting.leaderboard import read_leaderboard, write_leaderboard
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.test_findings import written
@@ -16,7 +16,8 @@ from tests.support.browser import accessibility_faults, opened
 
 pytestmark = pytest.mark.slow
 
-PIXEL = base64.b64decode(
+PIXEL = (
+    "data:image/png;base64,"
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 )
 NOT_LOADED = "return [...document.images].filter(i => !i.complete || i.naturalWidth === 0).map(i => i.alt)"
@@ -41,11 +42,9 @@ def comparison(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     after = {key: 90 if key[0] == 7 else 0 if key[1] == 1 else 20 + key[0] for key in drawn(50)}
     runs = [write_run(folder / "old", drawn(50)), write_run(folder / "<new>", after, fp_px=0)]
-    (compared,) = compare_runs(read_comparable(runs))
-    (folder / "pictures").mkdir()
-    for number, frame in enumerate(compared.frames.groupby("kind", sort=False).head(1).to_dict("records")):
-        (folder / "pictures" / f"{number}.png").write_bytes(PIXEL)
-        compared.pictures[f"{number}.png"] = frame
+    (compared,) = compare_runs(runs)
+    titles = map(frame_title, compared.frames.groupby("kind", sort=False).head(1).to_dict("records"))
+    compared = replace(compared, pictures=tuple(Picture(PIXEL, title, title) for title in titles))
     return report_comparison([compared], out=folder).write(folder, "compare")[0]
 
 
@@ -175,7 +174,7 @@ def test_an_object_leads_to_its_pictures_and_a_picture_enlarges(page):
     link = next(a for a in page.find_elements(By.CSS_SELECTOR, f"{ROWS} th a"))
     press(page, link)
     box = page.find_element(By.CSS_SELECTOR, link.get_attribute("href").partition("#")[2].join(["#", ""]))
-    assert len(box.find_elements(By.TAG_NAME, "img")) == 3, "areas, close-up, panels"
+    assert len(box.find_elements(By.TAG_NAME, "img")) == 2, "areas, panels"
     press(page, box.find_element(By.TAG_NAME, "img"))
     viewer = page.find_element(By.ID, "viewer")
     assert viewer.is_displayed()
@@ -216,7 +215,7 @@ def test_names_are_no_markup_and_long_tables_show_more_on_demand(browser, tmp_pa
     pages = {"named": [Filters([Choice("recording", "Recording")]), named],
              "long": [Table(columns=["n", "square"], rows=[[n, n * n] for n in range(120)])]}  # fmt: skip
     for file, blocks in pages.items():
-        (tmp_path / f"{file}.html").write_text(to_page("a", blocks, folder=tmp_path))
+        (tmp_path / f"{file}.html").write_text(to_page("a", blocks))
     page = opened(browser, tmp_path / "named.html")
     assert page.find_elements(By.TAG_NAME, "img") == []
     choose(page, "recording", name)
