@@ -107,10 +107,9 @@ def compare_pairs(pairs: pd.DataFrame) -> pd.DataFrame:
             | {"slice_name": name_slice(*key[:2]), "improvement": metric.improvement(change.difference)}
         )
     fields = [*SLICE, *PairedChange.__slots__, "slice_name", "improvement"]
-    table = pd.DataFrame(rows, columns=fields, dtype=object).set_index(SLICE)
     kinds: dict[str, Any] = dict.fromkeys(("before", "after", "difference", "improvement"), np.float64)
     kinds |= dict.fromkeys(("cases_before", "cases_after", "recordings"), np.int64)
-    table = table.astype(kinds)
+    table = pd.DataFrame(rows, columns=fields, dtype=object).set_index(SLICE).astype(kinds)
     every_row = [(*of, EVERY_ROW[find_metric(metric).over]) for *of, metric in table.index]
     for side in SIDES:
         frames = table[f"cases{side}"].reindex(pd.MultiIndex.from_tuples(every_row, names=SLICE)).to_numpy()

@@ -32,7 +32,7 @@ from bench.gate.verdict import Check, Outcome, RecordingChange, Row, Verdict, ch
 from bench.harness.manifest import Aspect, Difference, differences
 from bench.plain_text import counted, listed
 
-LISTED = 4  # differences that a message lists
+LISTED = 5  # differences that a message lists, of a reference its digest and four numbers
 WORST = 3  # recordings that are named
 ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
 

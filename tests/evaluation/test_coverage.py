@@ -20,9 +20,8 @@ from bench.evaluation.comparison import paired_change
 from bench.evaluation.intervals import MEAN, RATIO, ValueBounds, ratio_interval
 
 Column = NDArray[np.float64]
-Draw = Callable[
-    [np.random.Generator, int], tuple[Column, Column]
-]  # numerators, denominators of n recordings with cases
+# Numerators and denominators of n recordings with cases.
+Draw = Callable[[np.random.Generator, int], tuple[Column, Column]]
 
 
 def sizes(draw: np.random.Generator, n: int, sigma: float = 0.8) -> Column:

@@ -36,7 +36,7 @@ def counted(*, tracks=(7.0, 40.0), static=20.0, evaluated=20.0):
     )
 
 
-SLICES = {f"points={k}": {"tracks": {"drive-0": (0.0, 9.0)}} for k in range(6)}
+SLICES = {f"points={k}": {"tracks": {"drive-0": (0.0, 9.0)}} for k in range(7)}
 
 
 FEWER = "reference changed: 3 object-frames fewer in all_moving (37, were 40); 3 tracks fewer in all_moving (4, were 7)"
