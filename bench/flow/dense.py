@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +59,7 @@ class FarnebackFlow:
 
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Displacement of every pixel of `start` into `end`, (H, W, 2) float32, px, as `DenseFlow` says."""
-        _check(start, end)
+        check_grey((start, end), "dense flow")
         flow = cv2.calcOpticalFlowFarneback(
             start,
             end,
@@ -96,7 +96,7 @@ class DisFlow:
 
     def __call__(self, start: NDArray[np.uint8], end: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Displacement of every pixel of `start` into `end`, (H, W, 2) float32, px, as `DenseFlow` says."""
-        _check(start, end)
+        check_grey((start, end), "dense flow")
         if min(start.shape) < SMALLEST_DIS_PX:
             height, width = start.shape
             raise UsageError(f"dis: expected images of at least {SMALLEST_DIS_PX} px a side, got {width} x {height}")
@@ -133,12 +133,17 @@ def dense_flow(name: str, **parameters: object) -> FarnebackFlow | DisFlow:
         raise UsageError(f"dense flow {name!r}: {error}") from error
 
 
-def _check(start: NDArray[np.uint8], end: NDArray[np.uint8]) -> None:
-    if start.ndim != 2 or start.shape != end.shape or start.dtype != np.uint8 or end.dtype != np.uint8:
-        raise ShapeError(
-            f"dense flow: expected two grey uint8 images of one size, got {start.dtype} {start.shape} "
-            f"and {end.dtype} {end.shape}"
-        )
+def check_grey(images: Sequence[NDArray[np.uint8]], what: str) -> None:
+    """Refuse images, of which something is computed, that are not grey or not of one size.
+
+    Raises:
+        ShapeError: such images.
+    """
+    first = images[0]
+    for image in images:
+        if image.ndim != 2 or image.shape != first.shape or image.dtype != np.uint8:
+            got = f"{image.dtype} {image.shape} beside {first.dtype} {first.shape}"
+            raise ShapeError(f"{what}: expected grey uint8 images of one size, got {got}")
 
 
 def cell_mean(values: NDArray[np.float32], cell_size_px: int) -> NDArray[np.float32]:

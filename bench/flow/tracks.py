@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import ShapeError, UsageError
+from bench.flow.dense import check_grey
 
 CORNER_BLOCK_PX = 3
 
@@ -83,7 +84,9 @@ class LucasKanadeTracker:
         Raises:
             ShapeError: fewer than two images, images of different size, or not grey.
         """
-        _check(images)
+        if len(images) < 2:
+            raise ShapeError(f"tracks: expected at least two images, got {len(images)}")
+        check_grey(images, "tracks")
         mask = None if valid is None else valid.astype(np.uint8)
         strongest = cv2.goodFeaturesToTrack(
             images[0], self.corners, self.quality, self.min_distance_px, mask=mask, blockSize=CORNER_BLOCK_PX
@@ -121,14 +124,3 @@ class LucasKanadeTracker:
             start, end, points, np.empty_like(points), winSize=(self.window_px, self.window_px), maxLevel=self.levels
         )
         return np.asarray(ends, dtype=np.float32), np.asarray(status).reshape(-1).astype(bool)
-
-
-def _check(images: Sequence[NDArray[np.uint8]]) -> None:
-    if len(images) < 2:
-        raise ShapeError(f"tracks: expected at least two images, got {len(images)}")
-    for image in images:
-        if image.ndim != 2 or image.shape != images[0].shape or image.dtype != np.uint8:
-            raise ShapeError(
-                f"tracks: expected grey uint8 images of one size, got {image.dtype} {image.shape} "
-                f"beside {images[0].dtype} {images[0].shape}"
-            )

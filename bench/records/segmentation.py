@@ -112,16 +112,15 @@ def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iter
 
 
 def _threshold_faults(answer: Segmentation) -> Iterator[str]:
-    if answer.threshold is None:
+    threshold = answer.threshold
+    if threshold is None:
         return
-    if isinstance(answer.threshold, bool) or not isinstance(answer.threshold, int | float | np.number):
-        yield f"threshold: expected a number, got {answer.threshold!r}"
-        return
-    if answer.likelihood is None:
-        yield f"threshold: expected a likelihood that it is of, or no threshold, got {answer.threshold:g} alone"
-        return
-    if answer.likelihood_is_score and not 0 <= answer.threshold <= 1:
+    if isinstance(threshold, bool) or not isinstance(threshold, int | float | np.number):
+        yield f"threshold: expected a number, got {threshold!r}"
+    elif answer.likelihood is None:
+        yield f"threshold: expected a likelihood that it is of, or no threshold, got {threshold:g} alone"
+    elif answer.likelihood_is_score and not 0 <= threshold <= 1:
         yield (
-            f"threshold: expected one of the likelihood, a score in [0, 1], got {answer.threshold:g}; leave it out "
+            f"threshold: expected one of the likelihood, a score in [0, 1], got {threshold:g}; leave it out "
             "where the mask comes about in another way"
         )

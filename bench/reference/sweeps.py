@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
@@ -170,7 +170,7 @@ class SweepCache:
         self._recording, self._max_gap_ns = recording, max_gap_ns
         self._times_ns = np.array([ref.timestamp_ns for ref in recording.sweeps], dtype=np.int64)
         self._revolution_ns = int(np.median(np.diff(self._times_ns))) if len(self._times_ns) > 1 else 0
-        self._held: tuple[int, PosedSweep | None] | None = None
+        self._posed = lru_cache(maxsize=1)(self._read)
 
     def nearest(self, shape: ObjectShape | None, exposure_ns: int) -> PosedSweep | None:
         """The sweep nearest to the exposure; for point indices the one that they count in.
@@ -188,11 +188,12 @@ class SweepCache:
             raise DataError(drive.root, field="annotations", expected=expected, got="no sweep of that time")
         if not away_ns.size or away_ns.min() > (self._max_gap_ns if counted_ns is None else 0):
             return None
-        nearest = int(np.argmin(away_ns))
-        if self._held is None or self._held[0] != nearest:
-            mounting = drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_sensor
-            self._held = nearest, pose_sweep(drive.sweeps[nearest].read(), *mounting, self._revolution_ns)
-        return self._held[1]
+        return self._posed(int(np.argmin(away_ns)))
+
+    def _read(self, number: int) -> PosedSweep | None:
+        drive, sweep = self._recording, self._recording.sweeps[number].read()
+        mounting = drive.trajectory, drive.vehicle_from_lidar, drive.lidar_from_sensor
+        return pose_sweep(sweep, *mounting, self._revolution_ns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

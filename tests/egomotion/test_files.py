@@ -37,15 +37,14 @@ def test_the_path_by_hand():
     assert back.velocity_vehicle_mps(START_NS + SECOND_NS // 2) == pytest.approx([-2.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("reverse", ["R", "r", "Reverse", " rev ", "R2", -1, "-1", -2, "-1.0"])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_reverse_gear_drives_backwards_whatever_the_sign_of_the_speed(reverse, sign):
-    assert drive([sign * 2.0] * 11, [0.0] * 11, gear=[reverse] * 11).positions_m[-1, 0] == pytest.approx(-2.0)
-
-
-@pytest.mark.parametrize("forward", ["D", "n", "P", 1, "3.0", "", "Drive", "M2"])
-def test_other_gears_leave_the_sign_of_the_speed(forward):
-    assert drive([2.0] * 11, [0.0] * 11, gear=[forward] * 11).positions_m[-1, 0] == pytest.approx(2.0)
+@pytest.mark.parametrize("speed_mps", [2.0, -2.0])
+def test_reverse_gear_drives_backwards_whatever_the_sign_of_the_speed_and_others_leave_it(speed_mps):
+    for gears, expected_m in (
+        (["R", "r", "Reverse", " rev ", "R2", -1, "-1", -2, "-1.0"], -2.0),
+        (["D", "n", "P", 1, "3.0", "", "Drive", "M2"], speed_mps),
+    ):
+        ends_m = [drive([speed_mps] * 11, [0.0] * 11, gear=[gear] * 11).positions_m[-1, 0] for gear in gears]
+        assert ends_m == pytest.approx([expected_m] * len(gears))
 
 
 @pytest.mark.parametrize("word", ["backwards", "Rückwärts", "true", "1_0"])
