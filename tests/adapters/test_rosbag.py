@@ -161,14 +161,13 @@ def test_mountings_from_frames(tmp_path):
     assert recording.cameras["front"].vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix)
     assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix)
     recording.sweeps[0].read()
-    rig["lidar"]["frame"] = "mast"
-    bags.write_rig(root, rig)
-    with pytest.raises(DataError, match=r"header\.frame_id: expected 'mast', as the rig file says, got 'velodyne'"):
-        opened(root).sweeps[0].read()
-    rig["lidar"]["frame"] = "roof"
-    bags.write_rig(root, rig)
-    with pytest.raises(DataError, match=r"rig\.yaml: lidar\.frame: expected the frame 'roof' in /tf_static, got body"):
-        opened(root)
+    for frame, told in (
+        ("mast", r"header\.frame_id: expected 'mast', as the rig file says, got 'velodyne'"),
+        ("roof", r"rig\.yaml: lidar\.frame: expected the frame 'roof' in /tf_static, got body"),
+    ):
+        bags.write_rig(root, rig | {"lidar": rig["lidar"] | {"frame": frame}})
+        with pytest.raises(DataError, match=told):
+            opened(root).sweeps[0].read()
 
 
 @pytest.mark.parametrize("wxyz", [(np.nan, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (np.inf, 1.0, 0.0, 0.0)])

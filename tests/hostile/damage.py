@@ -19,20 +19,10 @@ def cut_short(content: bytes, rng: Random) -> bytes:
     return content[: rng.randrange(len(content))]
 
 
-def lose_a_piece(content: bytes, rng: Random) -> bytes:
-    start = rng.randrange(len(content))
-    return content[:start] + content[start + rng.randint(1, 64) :]
-
-
 def zero_a_block(content: bytes, rng: Random) -> bytes:
     start = rng.randrange(len(content))
     length = min(rng.choice((8, 64, 512)), len(content) - start)
     return content[:start] + bytes(length) + content[start + length :]
-
-
-def insert_noise(content: bytes, rng: Random) -> bytes:
-    start = rng.randrange(len(content) + 1)
-    return content[:start] + rng.randbytes(rng.randint(1, 64)) + content[start:]
 
 
 def write_another_number(content: bytes, rng: Random) -> bytes:
@@ -52,8 +42,8 @@ def lose_a_word(content: bytes, rng: Random) -> bytes:
     return content[: place.start()] + content[place.end() :]
 
 
-OF_BYTES = (flip_bits, cut_short, lose_a_piece, zero_a_block, insert_noise)
-OF_TEXT = (*OF_BYTES, write_another_number, write_another_number, lose_a_word)
+OF_BYTES = (flip_bits, cut_short, zero_a_block)
+OF_TEXT = (*OF_BYTES, write_another_number, lose_a_word)
 
 
 def damaged(content: bytes, rng: Random) -> tuple[bytes, str]:

@@ -41,35 +41,6 @@ def adapter_of(opener, *, names=("drive",), anywhere=False):
     return listing
 
 
-def changed(root, **changes):
-    """The recording with other parts: values, or functions of its own part and its folder."""
-    recording = open_native(root)
-    parts = {name: part(getattr(recording, name), root) if callable(part) else part for name, part in changes.items()}
-    return replace(recording, **parts)
-
-
-def out_of_order(images, _):
-    return {"front": images["front"][::-1]}
-
-
-def floats_for_times(images, _):
-    return {"front": tuple(replace(image, timestamp_ns=float(image.timestamp_ns)) for image in images["front"])}
-
-
-def outside(images, root):
-    place = root.parent.parent / "elsewhere.png"
-    place.write_bytes(images["front"][0].path.read_bytes())
-    return {"front": (replace(images["front"][0], path=place),)}
-
-
-def twice(tracks, _):
-    return tracks + tracks[:1]
-
-
-def of_an_odd_class(tracks, _):
-    return (replace(tracks[0], object_class="tram"),)
-
-
 def read_with_traceback(path, timestamp_ns):
     return LidarSweep(timestamp_ns=timestamp_ns, points_lidar=np.load(path)["points_lidar"])
 
@@ -82,8 +53,25 @@ def read_lost_returns(path, timestamp_ns):
     return LidarSweep(timestamp_ns=timestamp_ns, points_lidar=np.full((3, 3), np.nan))
 
 
-def read_by(reader, sweeps, _):
-    return tuple(replace(sweep, reader=reader) for sweep in sweeps)
+def with_fault(root, fault):
+    """The recording with another part."""
+    recording = open_native(root)
+    (first, *others), (track, _) = recording.images["front"], recording.tracks
+    elsewhere = root.parent.parent / "elsewhere.png"
+    elsewhere.write_bytes(first.path.read_bytes())
+    parts = {
+        "name": "other",
+        "order": {"front": (*others, first)},
+        "float": {"front": (replace(first, timestamp_ns=float(first.timestamp_ns)), *others)},
+        "outside": {"front": (replace(first, path=elsewhere), *others)},
+        "twice": (track, track),
+        "class": (replace(track, object_class="tram"),),
+    }
+    readers = {"traceback": read_with_traceback, "lost returns": read_lost_returns, "time": read_at_another_time}
+    if fault in readers:
+        return replace(recording, sweeps=tuple(replace(s, reader=readers[fault]) for s in recording.sweeps))
+    of = {"name": "name", "twice": "tracks", "class": "tracks"}.get(fault, "images")
+    return replace(recording, **{of: parts[fault]})
 
 
 def raises_key_error(root):
@@ -116,17 +104,19 @@ def test_an_adapter_of_ones_own_keeps_it(root):
     check_adapter(adapter_of(open_native), root)
 
 
+FAULTS = {
+    "name": "name: expected 'drive', as listed, got 'other'",
+    "order": "images.front: expected times that increase",
+    "float": "expected times as int nanoseconds, got float",
+    "outside": "images.front: expected files below",
+    "twice": "tracks: expected each id once, got ['van'] twice",
+    "class": "tracks, van: expected a class of pedestrian, cyc",
+    "traceback": "a file that is missing: expected a DataError, got FileNotFoundError",
+    "lost returns": "expected finite points, got NaN",
+    "time": "expected the time",
+}
 BROKEN = [
-    (adapter_of(partial(changed, name="other")), "name: expected 'drive', as listed, got 'other'"),
-    (adapter_of(partial(changed, images=out_of_order)), "images.front: expected times that increase"),
-    (adapter_of(partial(changed, images=floats_for_times)), "expected times as int nanoseconds, got float"),
-    (adapter_of(partial(changed, images=outside)), "images.front: expected files below"),
-    (adapter_of(partial(changed, tracks=twice)), "tracks: expected each id once, got ['van'] twice"),
-    (adapter_of(partial(changed, tracks=of_an_odd_class)), "tracks, van: expected a class of pedestrian, cyc"),
-    (adapter_of(partial(changed, sweeps=partial(read_by, read_with_traceback))),
-     "a file that is missing: expected a DataError, got FileNotFoundError"),
-    (adapter_of(partial(changed, sweeps=partial(read_by, read_lost_returns))), "expected finite points, got NaN"),
-    (adapter_of(partial(changed, sweeps=partial(read_by, read_at_another_time))), "expected the time"),
+    *((adapter_of(partial(with_fault, fault=fault)), told) for fault, told in FAULTS.items()),
     (adapter_of(open_native, names=("drive", "drive")), "listing: expected each name once, got ['drive'] twice"),
     (adapter_of(lambda place: open_native(place)), "drive: handle: expected one that pickles"),
     (lambda place, **_: (RecordingHandle(name="drive", opener=partial(open_native, place / "drive")),),
