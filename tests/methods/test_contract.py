@@ -13,7 +13,7 @@ from bench.errors import UnknownNameError, UsageError
 from bench.harness.exact import require_scorable
 from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods
 from bench.records.segmentation import segmentation_fault
-from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame
+from tests.support.board_scene import HEIGHT, STEP, WIDTH, crossing, frame, scaled
 
 every_method = pytest.mark.parametrize("name", sorted(known_methods()))
 
@@ -52,11 +52,7 @@ def test_methods_that_take_flow_agree_on_its_grid_and_its_unit():
     given, (width, height) = crossing()[0], (643, 481)  # no multiple of any cell
     found = build_method("spherical").segment(given)
     assert found.mask_at(WIDTH - 3, HEIGHT - 2).shape == (HEIGHT - 2, WIDTH - 3)
-    images = tuple(cv2.resize(image, (width, height)) for image in given.images)
-    given = replace(
-        given, images=images, camera=given.camera.scaled(width, height), valid=np.ones((height, width), dtype=bool)
-    )
-    flows = []
+    given, flows = scaled(given, width, height), []
     for name in ("spherical", "rigid-scene"):
         method = build_method(name)
         assert isinstance(method, FlowMethod)

@@ -17,7 +17,7 @@ from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO, C
 from bench.methods.rigid_scene.scene import Views
 from bench.recordings import load_card
 from tests.conftest import DATASETS
-from tests.support.board_scene import crossing, drive
+from tests.support.board_scene import crossing, drive, scaled
 
 EARLIER = GROUPS["earlier"]
 
@@ -173,13 +173,7 @@ def test_sides_are_any_and_large_images_are_answered_on_cells():
     channels = learned.network_input(Views.of(small), method.trained.coarse, method.trained.fine)
     odd = Channels(coarse=channels.coarse[:, :235, :309], fine=channels.fine[:, :471, :619])
     assert method.scores(odd).shape == (471, 619)
-    large = replace(
-        small,
-        images=tuple(image.repeat(2, axis=0).repeat(2, axis=1) for image in small.images),
-        valid=small.valid.repeat(2, axis=0).repeat(2, axis=1),
-        camera=small.camera.scaled(1280, 960),
-    )
-    found = method.segment(large)
+    found = method.segment(scaled(small, 1280, 960))
     assert (found.cell_size_px, found.mask.shape) == (2, (480, 640))
 
 

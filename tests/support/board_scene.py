@@ -87,6 +87,13 @@ def frame(previous, current, step_m, valid=None):
     )
 
 
+def scaled(given, width, height):
+    """What a method is given, at another size."""
+    images = tuple(cv2.resize(image, (width, height)) for image in given.images)
+    valid = np.ones((height, width), dtype=bool)
+    return replace(given, images=images, camera=given.camera.scaled(width, height), valid=valid)
+
+
 def share(mask, region):
     return mask[region].mean()
 
