@@ -31,7 +31,7 @@ from bench.reporting.document import Table, to_markdown
 from bench.synthesis.production import read_scenario
 from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET, PreparedDrive, prepare
-from bench.training.train import Plan, train, validate
+from bench.training.train import Plan, Validation, train, validate
 
 WHOLE, AS_RENDERED = "nothing", "worse cameras"
 METRICS = {"iou_of_images": "IoU of images", "false_positives": "false positives"}
@@ -126,7 +126,10 @@ def score(variant: Variant, drives: Drives, out: Path) -> dict[str, float]:
         found |= {f"{label}, {name}": summary[metric] for metric, label in METRICS.items()}
     for kind, column in ON_KINDS.items():
         of_it = {(drive.recording, drive.camera) for drive in of_kind(kind, drives.rendered, drives.specs)}
-        found[column] = rendered.of(of_it).summary()["iou_of_images"]
+        rows = [row for row, name in enumerate(rendered.names) if name in of_it]
+        names_of_it = [rendered.names[row] for row in rows]
+        alone = Validation(names=names_of_it, true=rendered.true[rows], false=rendered.false[rows])
+        found[column] = alone.summary()["iou_of_images"]
     return found
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import inspect
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass, is_dataclass
-from functools import partial
 from pathlib import Path, PurePath
 from typing import Annotated, Any, TypeVar
 
@@ -132,6 +131,7 @@ _ATTRIBUTES = {
     "colour": bool,
     "reads_images": bool,
     "files": Sequence[str | Path],
+    "settings()": dict[str, Any],
 }
 
 
@@ -155,13 +155,17 @@ def refuse_unfit(method: Scorable) -> None:
     Raises:
         UsageError: names the class and the attribute.
     """
+    values = {}
     for name, kind in _ATTRIBUTES.items():
-        value = _attribute(method, name, partial(getattr, method, name))
-        if expected := unlike(kind, value, strict=True):
-            raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {value!r}")
-    settings = _attribute(method, "settings()", method.settings)
-    if expected := unlike(dict[str, Any], settings, strict=True):
-        raise UsageError(f"method {_called(method)}: settings(): expected {expected}, got {settings!r}")
+        try:
+            values[name] = method.settings() if name == "settings()" else getattr(method, name)
+        except BenchError:
+            raise
+        except Exception as error:  # whatever a property of the method raises
+            raise UsageError(f"method of class {type(method).__name__}: {name}: {describe_error(error)}") from error
+        if expected := unlike(kind, values[name], strict=True):
+            raise UsageError(f"method {_called(method)}: {name}: expected {expected}, got {values[name]!r}")
+    settings = values["settings()"]
     try:
         json.dumps(settings, allow_nan=False, default=_text_of_path)
     except (TypeError, ValueError) as error:
@@ -175,15 +179,6 @@ def _text_of_path(value: object) -> str:
     if isinstance(value, PurePath):
         return str(value)
     raise TypeError(f"{type(value)} is none of these")
-
-
-def _attribute(method: Scorable, name: str, read: Callable[[], Any]) -> Any:
-    try:
-        return read()
-    except BenchError:
-        raise
-    except Exception as error:  # whatever a property of the method raises
-        raise UsageError(f"method of class {type(method).__name__}: {name}: {describe_error(error)}") from error
 
 
 def _called(method: Scorable) -> str:

@@ -64,7 +64,7 @@ def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str,
 
 
 def set_groups(method: object, **defaults: Any) -> None:
-    """Set groups of settings of a method that were given as mappings: what they change of these data classes."""
+    """Replace settings that were given as mappings by these data classes, changed by what the mappings hold."""
     for name, default in defaults.items():
         if isinstance(given := getattr(method, name), Mapping):
             object.__setattr__(method, name, replace(default, **given))

@@ -13,7 +13,7 @@ import io
 import json
 import logging
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
@@ -141,15 +141,6 @@ class Validation:
         if not self._moving.any():
             raise UsageError(f"validation: expected an image in which {LEAST_PX} px move, got none; hold out others")
         return int(np.argmax(self._image_iou().mean(0)))
-
-    def of(self, cameras: Collection[tuple[str, str]]) -> Validation:
-        """Of the images of some alone.
-
-        Args:
-            cameras: drive and camera of each.
-        """
-        rows = [row for row, name in enumerate(self.names) if name in cameras]
-        return Validation(names=[self.names[row] for row in rows], true=self.true[rows], false=self.false[rows])
 
     def _image_iou(self) -> NDArray[np.float64]:
         """(images in which something moves, THRESHOLDS)."""

@@ -37,8 +37,7 @@ def test_the_turn_of_the_camera_moves_all_flow_but_not_what_is_compensated():
 
 
 def test_flow_baselines_agree_for_a_camera_that_does_not_turn():
-    previous, current, board = crossing()
-    given = frame(previous, current, STEP)
+    given, board = crossing()
     plain, compensated = (build_method(name).segment(given) for name in ("flow-magnitude", "rotation-compensated-flow"))
     np.testing.assert_array_equal(plain.mask, compensated.mask)
     assert plain.mask_at(WIDTH, HEIGHT)[board].mean() > 0.95

@@ -17,7 +17,7 @@ from bench.methods.learned.inputs import COARSE, FINE, GROUPS, MIRRORED, ZERO, C
 from bench.methods.rigid_scene.scene import Views
 from bench.recordings import load_card
 from tests.conftest import DATASETS
-from tests.support.board_scene import STEP, crossing, drive, frame
+from tests.support.board_scene import crossing, drive, scaled
 
 EARLIER = GROUPS["earlier"]
 
@@ -89,8 +89,7 @@ def test_channels_that_change_sign_in_a_mirror_are_listed(scene):
 
 
 def test_a_stationary_camera_measures_flow():
-    previous, current, _ = crossing()
-    still = replace(frame(previous, current, STEP), current_from_previous=(RigidTransform.identity(),))
+    still = replace(crossing()[0], current_from_previous=(RigidTransform.identity(),))
     names = ("parallax_u", "parallax_v", "positive_depth", "epipolar", "sigmas")
     channels = network_input(Views.of(still), names).coarse.astype(int) - ZERO
     assert not channels[:3].any()
@@ -154,8 +153,7 @@ def weights(tmp_path):
 
 
 def test_it_finds_a_board_that_crosses_and_answers_the_same_in_another_process():
-    previous, current, board = crossing()
-    method, given = build_method("learned"), frame(previous, current, STEP)
+    method, (given, board) = build_method("learned"), crossing()
     found = method.segment(given)
     assert (found.cell_size_px, found.likelihood_is_score) == (1, True)
     scores = found.likelihood
@@ -171,17 +169,11 @@ def test_it_finds_a_board_that_crosses_and_answers_the_same_in_another_process()
 
 
 def test_sides_are_any_and_large_images_are_answered_on_cells():
-    small, method = frame(*crossing()[:2], STEP), build_method("learned")
+    small, method = crossing()[0], build_method("learned")
     channels = learned.network_input(Views.of(small), method.trained.coarse, method.trained.fine)
     odd = Channels(coarse=channels.coarse[:, :235, :309], fine=channels.fine[:, :471, :619])
     assert method.scores(odd).shape == (471, 619)
-    large = replace(
-        small,
-        images=tuple(image.repeat(2, axis=0).repeat(2, axis=1) for image in small.images),
-        valid=small.valid.repeat(2, axis=0).repeat(2, axis=1),
-        camera=small.camera.scaled(1280, 960),
-    )
-    found = method.segment(large)
+    found = method.segment(scaled(small, 1280, 960))
     assert (found.cell_size_px, found.mask.shape) == (2, (480, 640))
 
 
@@ -225,7 +217,7 @@ def test_a_card_or_a_network_that_does_not_fit(weights, changed, message):
     if "ONNX" in message:
         weights.write_bytes(NOTHING)
     with pytest.raises(DataError, match=message):
-        build_method("learned", {"weights": str(weights)}).segment(frame(*crossing()[:2], STEP))
+        build_method("learned", {"weights": str(weights)}).segment(crossing()[0])
 
 
 def test_without_onnx_runtime_the_command_that_installs_it_is_named(monkeypatch):

@@ -13,7 +13,7 @@ from bench.methods.predictions.maps import ImageSizes, Prediction
 from bench.methods.predictions.pairing import ImageKey, NamedImage, named_images
 from bench.recordings import Exclusion, ImageRef, load_card, open_dataset
 from tests.hostile.files import png
-from tests.support.board_scene import STEP, crossing, frame
+from tests.support.board_scene import crossing
 
 SIZES = ImageSizes(evaluated_px=(6, 4), stored_px=(6, 4))
 MASK = np.array([[0, 0, 0, 0, 0, 1], [0, 1, 1, 0, 0, 1], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 0, 0]], dtype=bool)
@@ -145,7 +145,7 @@ def test_half_of_a_block_moves_and_a_score_at_the_threshold_does_not(tmp_path, v
     are_scores = threshold is not None
     if are_scores:
         (tmp_path / "predictions.yaml").write_text("sixteen_bits: score")
-    given = replace(frame(*crossing()[:2], STEP), recording="drive", camera_name="front")
+    given = replace(crossing()[0], recording="drive", camera_name="front")
     key, index = ImageKey("drive", "front", given.timestamps_ns[-1]), PredictionIndex(tmp_path)
     index.take(NamedImage(key=key, places=("a",), sizes=SIZES, is_scored=True))
     method = PredictedMotion(name="masks", folder=str(tmp_path), dataset="tiny", threshold=threshold)

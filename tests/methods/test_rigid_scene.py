@@ -219,8 +219,8 @@ def test_what_would_have_to_float_above_the_road_comes_towards_the_camera():
 
 
 def test_what_crosses_is_found_and_what_stands_is_not():
-    previous, current, truth = crossing()
-    found = build_method("rigid-scene").segment(frame(previous, current, STEP)).mask
+    given, truth = crossing()
+    found = build_method("rigid-scene").segment(given).mask
     assert (found & truth).sum() > 0.8 * truth.sum()
     assert (found & ~truth).sum() < 0.5 * truth.sum()
     before, _ = render((0.0, 0.0, 0.0), (5.0, 0.4, 0.0))
@@ -274,8 +274,7 @@ def test_the_road_is_seen_through_what_stands_still_in_the_image_but_not_through
 
 
 def test_switches_change_the_answer_and_an_older_image_may_be_there():
-    previous, current, truth = crossing()
-    given = frame(previous, current, STEP)
+    given, truth = crossing()
     whole = build_method("rigid-scene").segment(given).mask
     for setting in (
         {"first_guess": False},
@@ -291,8 +290,7 @@ def test_switches_change_the_answer_and_an_older_image_may_be_there():
 
 
 def test_the_papers_method_takes_the_first_guess_and_the_refined_motion():
-    previous, current, truth = crossing()
-    given = frame(previous, current, STEP)
+    given, truth = crossing()
     pitch = RigidTransform(Rotation.from_rotvec([np.deg2rad(0.3), 0, 0]).as_matrix(), np.zeros(3))
     pitched = replace(given, current_from_previous=(pitch @ given.current_from_previous[0],))
 

@@ -59,7 +59,7 @@ def test_a_crossing_board_is_found_where_it_is_now_and_the_world_is_static(name,
 def test_a_stationary_camera_takes_the_static_branch(name, least):
     given, board = three_images(CROSSING, steps=(0.0, 0.0, 0.0))
     if name == ODOMETRY:  # whatever the wheels say
-        given = replace(given, current_from_previous=2 * frame(*crossing()[:2], STEP).current_from_previous)
+        given = replace(given, current_from_previous=2 * crossing()[0].current_from_previous)
     found = build_method(name).segment(given)
     assert found.causes == ("static_camera",)
     on_board, elsewhere = marked(found, board)
@@ -90,9 +90,9 @@ class ExactFlow(SphericalMethod):
 
 
 def test_with_exact_flow_the_mask_is_the_board_in_the_current_image():
-    previous, current, board = crossing()
+    given, board = crossing()
     method = ExactFlow(weights={"anti_parallel": 0.0})  # which fires on the wall below camera height, by design
-    found = method.segment(frame(previous, current, STEP))
+    found = method.segment(given)
     expected = board[2::5, 2::5] & ~found.undefined
     np.testing.assert_array_equal(found.mask, expected)
     assert expected.sum() > 100
@@ -107,10 +107,9 @@ def test_static_world_stays_static(flow):
 
 @pytest.mark.parametrize("name", ["spherical", "flow-magnitude"])
 def test_where_the_ego_vehicle_sees_itself_nothing_is_detected(name):
-    previous, current, _ = crossing()
     valid = np.ones((HEIGHT, WIDTH), bool)
     valid[:, 200:] = False
-    found = build_method(name).segment(frame(previous, current, STEP, valid))
+    found = build_method(name).segment(replace(crossing()[0], valid=valid))
     assert not found.mask[:, 40:].any()
     assert found.undefined[:, 40:].all()
     assert found.likelihood[:, 40:].max() == 0
@@ -127,7 +126,7 @@ def test_parameters_from_a_file():
 
 
 def test_a_constraint_alone_marks_what_it_marks_alone_among_the_others():
-    given = frame(*crossing()[:2], STEP)
+    given = crossing()[0]
     whole = build_method("spherical").segment(given)
     union = np.zeros_like(whole.mask)
     for name in CONSTRAINTS:
@@ -179,7 +178,7 @@ def test_the_threshold_keeps_the_papers_sum_of_deviations(name, weight):
 
 
 def test_the_motion_is_the_cameras():
-    given = frame(*crossing()[:2], STEP)
+    given = crossing()[0]
     true = given.current_from_previous[0]
     found = build_method(ODOMETRY).motion(replace(given, current_from_previous=(NOT_KNOWN,)))
     assert np.linalg.norm(found.translation_m) == pytest.approx(1.0)
@@ -202,10 +201,8 @@ def test_a_given_scale_runs_all_constraints_with_the_papers_weights():
     assert settings(scale="given", weights=free)[0] == paper["weights"] | free
     heavier = settings(scale="given", weights={"positive_height": 0.3}, threshold=1e-3)
     assert heavier == (paper["weights"] | {"positive_height": 0.3}, 1e-3)
-    none, given = (
-        build_method(ODOMETRY, {"scale": name}).segment(frame(*crossing()[:2], STEP)) for name in ("none", "given")
-    )
+    none, given = (build_method(ODOMETRY, {"scale": name}).segment(crossing()[0]) for name in ("none", "given"))
     assert none.parts.keys() == {"flow_u", "flow_v", "epipolar", "positive_depth"}
     assert given.parts.keys() == none.parts.keys() | {"positive_height", "anti_parallel"}
     assert not np.array_equal(none.likelihood, given.likelihood)
-    assert marked(given, crossing()[2])[0] > 0.8
+    assert marked(given, crossing()[1])[0] > 0.8

@@ -87,6 +87,13 @@ def frame(previous, current, step_m, valid=None):
     )
 
 
+def scaled(given, width, height):
+    """What a method is given, at another size."""
+    images = tuple(cv2.resize(image, (width, height)) for image in given.images)
+    valid = np.ones((height, width), dtype=bool)
+    return replace(given, images=images, camera=given.camera.scaled(width, height), valid=valid)
+
+
 def share(mask, region):
     return mask[region].mean()
 
@@ -96,12 +103,12 @@ STEP = np.array([0.06, 0.0, 0.0])
 
 @cache
 def crossing():
-    """The image before, the one now and the board's mask in it; nobody changes them."""
+    """What a method is given of two images of a board that crosses, and the board's mask; nobody changes them."""
     previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
     current, mask = render(STEP, np.array([3.0, -0.3, 0.0]))
     for image in (previous, current, mask):
         image.flags.writeable = False
-    return previous, current, mask
+    return frame(previous, current, STEP), mask
 
 
 def drive(numbers, board_m, sideways_m, step=STEP):

@@ -117,22 +117,6 @@ def test_training_has_enough_short_drives_and_holds_some_out():
     assert {name.rpartition("-")[0] for name in held_out} == {name.rpartition("-")[0] for name in names}
 
 
-def _names(drives):
-    return {spec.name for spec in drives.recordings}
-
-
-def _drives(drives):
-    return {spec.model_dump_json(exclude={"name", "about", "frames"}) for spec in drives.recordings}
-
-
-def _lenses(drives):
-    return {f"{camera.model} {sorted(camera.parameters.items())}" for camera in drives.cameras}
-
-
-def _mountings(drives):
-    return {(camera.position_m, camera.yaw_deg, camera.pitch_down_deg) for camera in drives.cameras}
-
-
 def _body_colours(drives):
     """Of the first body of some drives: all surfaces that it is made of."""
     chosen = [(spec, spec.actors[0]) for spec in drives.recordings[::16] if spec.actors]
@@ -147,13 +131,21 @@ def _street_plans(drives):
     return {repr(drawn_plan(spec.street, rng)) for spec, rng in zip(chosen, worlds, strict=True)}
 
 
+DRAWN = {
+    "names": lambda drives: {spec.name for spec in drives.recordings},
+    "drives": lambda drives: {spec.model_dump_json(exclude={"name", "about", "frames"}) for spec in drives.recordings},
+    "lenses": lambda drives: {f"{camera.model} {sorted(camera.parameters.items())}" for camera in drives.cameras},
+    "mountings": lambda drives: {(c.position_m, c.yaw_deg, c.pitch_down_deg) for c in drives.cameras},
+    "body colours": _body_colours,
+    "street plans": _street_plans,
+}
 SCORED = ("paper", "range-maps", "roads", "demo")
 
 
-@pytest.mark.parametrize("drawn", [_names, _drives, _lenses, _mountings, _body_colours, _street_plans])
+@pytest.mark.parametrize("drawn", DRAWN)
 @pytest.mark.parametrize(("name", "others"), [("training", (*SCORED, "development", "tiny")), ("development", SCORED)])
 def test_nothing_drawn_for_training_or_development_is_scored(drawn, name, others):
-    own = drawn(scenario(name))
+    own = DRAWN[drawn](scenario(name))
     for other in map(scenario, others):
         assert other.seed != scenario(name).seed
-        assert not own & drawn(other), other.name
+        assert not own & DRAWN[drawn](other), other.name
