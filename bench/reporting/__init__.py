@@ -9,7 +9,7 @@ equal input gives equal bytes.
   `formats` (how values and intervals are written everywhere), `figures` (colours, figures, the charts);
 - `run_tables` (a run in tables and lines, and a sweep), `run_page` (its page, with the worst cases);
 - `compare` (runs against each other), `leaderboard` (all runs of a folder), `verdict` (of the gate);
-- `findings` (what is wrong with data, predictions and proposals), `audit` (its tables and pictures);
+- `findings` (what is wrong with data, predictions and proposals), `audit` (its tables);
 - `frame` (the one drawing of an image, as one or several methods were scored on it; panels, clusters),
   `frame_pictures` (what is drawn of drives and runs: pictures, video, log, calibration).
 
