@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from bench.errors import DataError
-from bench.execution import FailedTask, Progress, TaskExecutor
+from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.digests import digest_of, digest_recording
 from bench.harness.manifest import CodeOfRun
 from bench.harness.stored import Provenance, provenance_since
@@ -150,21 +149,15 @@ def audit_each(
     """
     start_s = perf_counter()
     sources = audit_sources(card, split=split, recordings=recordings)
-    outcomes: dict[str, _Audited[Found] | DataError | FailedTask] = {}
-    with executor, closing(executor.compute(partial(_done, work=work), sources)) as results:
-        for source, outcome in results:
-            outcomes[source.recorded.name] = outcome
-            if progress is not None:
-                progress(len(outcomes), len(sources))
-    ordered = [(source.recorded.name, outcomes[source.recorded.name]) for source in sources]
-    audited = [outcome for _, outcome in ordered if isinstance(outcome, tuple)]
+    outcomes = compute_all(executor, partial(_done, work=work), sources, progress=progress)
+    audited = [outcome for outcome in outcomes if isinstance(outcome, tuple)]
     failures = [
-        f"recording {name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
-        for name, outcome in ordered
+        f"recording {source.recorded.name!r}: {outcome.reason if isinstance(outcome, FailedTask) else outcome}"
+        for source, outcome in zip(sources, outcomes, strict=True)
         if not isinstance(outcome, tuple)
     ]
     if not audited:
-        mistakes = (outcome for _, outcome in ordered if isinstance(outcome, DataError))
+        mistakes = (outcome for outcome in outcomes if isinstance(outcome, DataError))
         got = "; ".join(failures) or "none"
         raise next(mistakes, DataError(card.file, expected="a recording that can be audited", got=got))
     found, digests, counts, problems = zip(*audited, strict=True)
