@@ -10,7 +10,7 @@ from bench.errors import ShapeError, UsageError
 from bench.geometry import RigidTransform
 from bench.methods.spherical.constraints import Variants, deviations, static_camera_deviation, three_view_deviation
 from bench.methods.spherical.likelihood import ConstraintWeights, motion_likelihood
-from tests.methods.worlds import TwoViews
+from tests.support.worlds import TwoViews
 
 
 def along(distance_m):

@@ -23,8 +23,8 @@ from bench.methods.rigid_scene.evidence import (
 )
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion
 from bench.methods.rigid_scene.scene import RigidScene, at_every_pixel
-from tests.methods.worlds import FORWARD, TwoViews, pitched_down
 from tests.support.board_scene import CAMERA, LOOK, ROAD, STEP, crossing, drive, frame, render, texture
+from tests.support.worlds import FORWARD, TwoViews, pitched_down
 
 PINHOLE = PinholeCamera(width=320, height=240, focal=(150.0, 150.0), principal_point=(159.5, 119.5))
 

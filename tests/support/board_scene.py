@@ -9,7 +9,7 @@ import numpy as np
 from bench.cameras import RadialPolynomialCamera, ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.methods import MethodInput
-from tests.methods.worlds import pitched_down
+from tests.support.worlds import pitched_down
 
 WIDTH, HEIGHT = 640, 480
 CAMERA = RadialPolynomialCamera(
