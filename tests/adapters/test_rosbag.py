@@ -143,7 +143,6 @@ def test_mountings_from_frames(tmp_path):
         del sensor["vehicle_from_sensor"]
         sensor["frame"] = frame
     rig["vehicle"]["frame"] = "body"
-    root = bags.write_rig(tmp_path / "data", rig)
     rows = [row for row in bags.drive() if row[1] != bags.CLOUD]
     points = bags.cloud(tiny.TIMES_NS[0], bags.sweep_points(0), frame="velodyne")
     rows.append((bags.LIDAR, bags.CLOUD, tiny.TIMES_NS[0], points))
@@ -156,7 +155,7 @@ def test_mountings_from_frames(tmp_path):
     )
     joined = bags.frames(("other", "body", RigidTransform.identity()))
     rows = [("/tf_static", bags.FRAMES, tiny.TIMES_NS[0], m) for m in (tree, joined)] + rows
-    bags.write_bag(root / "drive", rows)
+    root = bags.data_set(tmp_path, rows, rig)
     recording = opened(root)
     assert recording.cameras["front"].vehicle_from_camera.matrix == pytest.approx(tiny.FRONT.matrix)
     assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR.matrix)
@@ -197,13 +196,11 @@ def test_poses_of_a_frame_beside_the_vehicles(tmp_path):
     """A child frame 1 m ahead of the vehicle that turns left by 90 degrees: the vehicle swings around it."""
     ahead = {"quaternion_wxyz": [1, 0, 0, 0], "translation_m": [1, 0, 0]}
     rig = rig_with(ego_motion={"odometry": {"topic": bags.ODOM, "vehicle_from_child": ahead}})
-    root = bags.write_rig(tmp_path / "data", rig)
     half = np.sqrt(0.5)
     rows = [row for row in bags.drive() if row[0] != bags.ODOM]
     for time_ns, wxyz in ((tiny.TIMES_NS[0], (1, 0, 0, 0)), (tiny.TIMES_NS[2], (half, 0, 0, half))):
         rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (1.0, 0.0, 0.0), wxyz)))
-    bags.write_bag(root / "drive", rows)
-    positions_m = opened(root).trajectory.positions_m
+    positions_m = opened(bags.data_set(tmp_path, rows, rig)).trajectory.positions_m
     assert positions_m == pytest.approx(np.array([[0.0, 0.0, 0.0], [1.0, -1.0, 0.0]]), abs=1e-12)
 
 
@@ -228,11 +225,10 @@ def test_factor_mean_of_fields_and_reverse(tmp_path):
     speed = {"topic": bags.SPEED, "field": ["twist.linear.x", "twist.linear.x"], "factor": 0.5}
     reverse = {"topic": "/gear", "field": "data", "values": [-1, 7]}
     rig = rig_with(ego_motion=SIGNALS | {"speed": speed, "reverse": reverse})
-    root = bags.write_rig(tmp_path / "data", rig)
     kind = "std_msgs/msg/Int8"
     gears = [("/gear", kind, tiny.TIMES_NS[i], bags.message(kind, data=data)) for i, data in ((0, 7), (1, 3))]
-    bags.write_bag(root / "drive", [*bags.drive(), *bags.signals(), *gears], late_ns=0)
-    trajectory = opened(root).trajectory
+    rows = [*bags.drive(), *bags.signals(), *gears]
+    trajectory = opened(bags.data_set(tmp_path, rows, rig, late_ns=0)).trajectory
     before, after = (trajectory.velocity_vehicle_mps(time_ns) for time_ns in tiny.TIMES_NS[0:3:2])
     assert before[0] == pytest.approx(-bags.SPEED_MPS / 2, rel=1e-3)
     assert after[0] == pytest.approx(bags.SPEED_MPS / 2, rel=1e-3)
@@ -249,17 +245,16 @@ def test_a_message_type_of_ones_own(tmp_path):
         for row in bags.signals()
     ]
     speed = {"topic": bags.SPEED, "field": ["kmh.2", "kmh.3"], "factor": 1 / 3.6}
-    root = bags.write_rig(tmp_path / "data", rig_with(ego_motion=SIGNALS | {"speed": speed}))
-    bags.write_bag(root / "drive", [*bags.drive(), *rows], store=store)
+    rig = rig_with(ego_motion=SIGNALS | {"speed": speed})
+    root = bags.data_set(tmp_path, [*bags.drive(), *rows], rig, store=store)
     assert opened(root).trajectory.velocity_vehicle_mps(tiny.TIMES_NS[1])[0] == pytest.approx(10.0, rel=1e-3)
 
 
 def test_a_gap_in_one_signal_is_a_gap_in_the_path(tmp_path):
-    rig = rig_with(ego_motion=SIGNALS | {"max_gap_ns": 50_000_000})
-    root = bags.write_rig(tmp_path / "data", rig)
     middle = tiny.TIMES_NS[1]
     rows = [row for row in bags.signals() if row[0] != bags.SPEED or abs(row[2] - middle) > 40_000_000]
-    bags.write_bag(root / "drive", [*bags.drive(), *rows])
+    rig = rig_with(ego_motion=SIGNALS | {"max_gap_ns": 50_000_000})
+    root = bags.data_set(tmp_path, [*bags.drive(), *rows], rig)
     _, _, valid = opened(root).trajectory.at(np.array(tiny.TIMES_NS))
     assert valid.tolist() == [True, False, True]
 

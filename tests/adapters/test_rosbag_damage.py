@@ -352,28 +352,22 @@ def test_messages_out_of_order_are_sorted_and_a_pose_that_was_recorded_twice_cou
 @pytest.mark.parametrize("rate", [0.2, 1.0, 25.0])
 def test_a_simulated_clock_may_be_slower_or_faster_than_the_recorders(tmp_path, rate):
     """Stamps of a simulation that begins at 1 s; the recorder has the wall's clock."""
-    count, wall_ns = 60, 1_700_000_000_000_000_000
-    root = bags.write_rig(tmp_path / "data")
-    rows = []
+    count, wall_ns, rows = 60, 1_700_000_000_000_000_000, []
     for i in range(count):
         log_ns, stamp_ns = wall_ns + i * 500_000_000, 10**9 + round(i * 500_000_000 * rate)
         rows.append((bags.FRONT, bags.IMAGE, log_ns, bags.image(stamp_ns, tiny.pixels(i % 3))))
         rows.append((bags.LIDAR, bags.CLOUD, log_ns, bags.cloud(stamp_ns, bags.sweep_points(0))))
         rows.append((bags.ODOM, bags.ODOMETRY, log_ns, bags.odometry(stamp_ns, (0.1 * i, 0.0, 0.0))))
-    bags.write_bag(root / "drive", rows)
-    recording = opened(root)
+    recording = opened(bags.data_set(tmp_path, rows))
     assert len(recording.images["front"]) == len(recording.sweeps) == len(recording.trajectory.timestamps_ns) == count
 
 
 def test_numbers_that_are_none_in_poses(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
-    rows = [*bags.drive()]
-    time_ns = tiny.TIMES_NS[1] + 1_000_000
+    rows, time_ns = [*bags.drive()], tiny.TIMES_NS[1] + 1_000_000
     rows.append((bags.ODOM, bags.ODOMETRY, time_ns, bags.odometry(time_ns, (np.nan, 0.0, 0.0))))
     rows.append((bags.ODOM, bags.ODOMETRY, time_ns + 1, bags.odometry(time_ns + 1, (0.0, 0.0, 0.0), (0, 0, 0, 0))))
-    bags.write_bag(root / "drive", rows)
-    with pytest.raises(
-        DataError, match=r"/odom: expected finite numbers, got NaN or infinity in 1 of 5.*1 more faults"
-    ):
+    root = bags.data_set(tmp_path, rows)
+    told = r"/odom: expected finite numbers, got NaN or infinity in 1 of 5.*1 more faults"
+    with pytest.raises(DataError, match=told):
         opened(root)
     assert len(opened(root, accept_losses=True).trajectory.timestamps_ns) == 3

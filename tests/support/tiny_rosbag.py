@@ -203,8 +203,8 @@ def write_data_set(root: Path, *, storage: str = "mcap") -> Path:
     return folder
 
 
-def data_set(tmp_path, rows, rig=RIG):
-    """A data set with one bag of these messages."""
+def data_set(tmp_path, rows, rig=RIG, **options):
+    """A data set with one bag of these messages, written with options of `write_bag`."""
     root = write_rig(tmp_path / "data", rig)
-    write_bag(root / "drive", rows)
+    write_bag(root / "drive", rows, **options)
     return root
