@@ -7,7 +7,6 @@ the rows of a sensor mounted on its side are the image's columns.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -226,7 +225,7 @@ class RollingShutter:
     direction: ReadoutDirection = "down"
 
     def __post_init__(self) -> None:
-        if not 0 < self.readout_s <= LONGEST_READOUT_S or math.isnan(self.readout_s):
+        if not 0 < self.readout_s <= LONGEST_READOUT_S:  # nor where it is NaN
             raise ShapeError(f"readout_s: expected seconds in (0, {LONGEST_READOUT_S}], got {self.readout_s}")
         if self.direction not in get_args(ReadoutDirection):
             expected = ", ".join(get_args(ReadoutDirection))

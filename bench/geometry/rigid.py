@@ -42,14 +42,7 @@ class RigidTransform:
                 f"RigidTransform: expected rotation (3, 3) and translation (3,), "
                 f"got {rotation.shape} and {translation_m.shape}"
             )
-        if not (np.isfinite(rotation).all() and np.isfinite(translation_m).all()):
-            raise ShapeError("RigidTransform: expected finite numbers, got NaN or infinity")
-        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if error > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise ShapeError(
-                f"RigidTransform: expected a proper orthonormal rotation, got one off by {error:.2g} "
-                f"with determinant {np.linalg.det(rotation):.3f}"
-            )
+        _refuse_unfit(rotation[None], translation_m)
         self._hold(rotation, translation_m)
 
     def _hold(self, rotation: Floats, translation_m: Floats) -> RigidTransform:
@@ -66,13 +59,7 @@ class RigidTransform:
     @classmethod
     def each(cls, rotations: Floats, translations_m: Floats) -> list[RigidTransform]:
         """Many transforms, (N, 3, 3) and (N, 3) float64, checked all at once; errors as of one."""
-        errors = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
-        sound = (
-            (errors <= ORTHONORMAL_TOLERANCE) & (np.linalg.det(rotations) > 0) & np.isfinite(translations_m).all(axis=1)
-        )
-        if not sound.all():
-            worst = int(np.argmin(sound))
-            return [cls(rotations[worst], translations_m[worst])]  # raises
+        _refuse_unfit(rotations, translations_m)
         pairs = zip(rotations, translations_m, strict=True)
         return [cls._unchecked(rotation.copy(), translation_m.copy()) for rotation, translation_m in pairs]
 
@@ -154,6 +141,20 @@ class RigidTransform:
         components = np.moveaxis(vectors, -1, 0)
         rotated = self.rotation @ components.reshape(3, -1)
         return np.moveaxis(rotated.reshape(components.shape), 0, -1)
+
+
+def _refuse_unfit(rotations: Floats, translations_m: Floats) -> None:
+    """Refuse what is not finite, and rotations, (N, 3, 3), that are not proper and orthonormal."""
+    if not (np.isfinite(rotations).all() and np.isfinite(translations_m).all()):
+        raise ShapeError("RigidTransform: expected finite numbers, got NaN or infinity")
+    errors, determinants = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)), np.linalg.det(rotations)
+    unfit = (errors.max(axis=(1, 2)) > ORTHONORMAL_TOLERANCE) | (determinants < 0)
+    if unfit.any():
+        first = int(np.argmax(unfit))
+        raise ShapeError(
+            f"RigidTransform: expected a proper orthonormal rotation, got one off by {errors[first].max():.2g} "
+            f"with determinant {determinants[first]:.3f}"
+        )
 
 
 def quaternions_wxyz(rotations: Floats) -> Floats:

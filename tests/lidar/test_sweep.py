@@ -28,19 +28,6 @@ def test_timestamps_span_the_points_in_the_fewest_even_steps_of_at_most_five_mil
     assert interpolation_timestamps(np.array(times_ns, dtype=np.int64)).tolist() == expected_ns
 
 
-def test_a_wall_stays_a_wall_when_the_car_drives_at_it():
-    # 30 m/s for 0.1 s: a wall 50 m away is measured at 50 m first and at 47 m last.
-    times_ns = np.linspace(0, SECOND_NS // 10, 11).astype(np.int64)
-    measured = np.zeros((11, 3))
-    measured[:, 0] = 50.0 - 30.0 * times_ns / 1e9
-    interpolation_ns = interpolation_timestamps(times_ns)
-    positions_m = np.zeros((len(interpolation_ns), 3))
-    positions_m[:, 0] = 30.0 * interpolation_ns / 1e9
-    poses = {"rotations": np.tile(np.eye(3), (len(interpolation_ns), 1, 1)), "positions_m": positions_m}
-    straight = deskew(measured, times_ns, interpolation_ns=interpolation_ns, **poses)
-    assert straight[:, 0] == pytest.approx(50.0, abs=1e-9)
-
-
 def test_a_turning_sensor_sees_a_point_stand_still():
     def rotated(times_ns):
         return Rotation.from_euler("z", (times_ns / 1e9)[:, None]).as_matrix()
