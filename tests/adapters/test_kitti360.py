@@ -108,6 +108,33 @@ def test_what_stands_stands_at_every_frame_near_it(root):
     assert all(state.unclear for state in tracks["24001"].states)  # people without "dynamic" may walk all the same
 
 
+def test_a_rider_and_their_bicycle_are_one_cyclist(root):
+    """Both boxes move together, the bicycle's is missing once; the rider passes another bicycle, which is parked."""
+    forward = tiny.rotation_z(tiny.HEADING_RAD) @ [6.0 * tiny.PERIOD_S, 0.0, 0.0]
+    start = (tiny.global_from_vehicle(1) @ [10.0, 4.0, 0.0, 1.0])[:3]
+    rows = []
+    for n in range(1, 11):
+        wheels = start + forward * (n - 1)
+        boxes = {"rider": (20, [-0.2, 0.0, 1.3], (0.7, 0.6, 1.0)), "bicycle": (18, [0.0, 0.0, 0.5], (1.8, 0.5, 1.0))}
+        for label, (semantic, offset, size) in boxes.items():
+            if (label, n) != ("bicycle", 4):
+                centre = wheels + tiny.rotation_z(tiny.HEADING_RAD) @ offset
+                kind = {"label": label, "semantic": semantic, "instance": 7}
+                rows.append(tiny.object_xml(100 * n + semantic, **kind, centre=centre, size=size, frame=n))
+    parked = {"label": "bicycle", "semantic": 18, "instance": 8, "centre": start + forward * 5 + [0.0, 0.0, 0.5]}
+    rows.append(tiny.object_xml(90, **parked, size=(1.8, 0.5, 1.0), frame=-1))
+    replaced(boxes_file(root), "</opencv_storage>", "".join(rows) + "</opencv_storage>")
+    cyclists = {t.track_id: t for t in opened(root).tracks if t.object_class == "cyclist"}
+    assert set(cyclists) == {"25007+33007", "33008"}
+    states = cyclists["25007+33007"].states
+    assert len(states) == 10
+    assert states[0].shape.size_m == pytest.approx([1.8, 0.6, 1.8])
+    assert states[3].shape.size_m == pytest.approx([0.7, 0.6, 1.0])  # the rider alone
+    bottom = states[0].shape.vehicle_from_object.translation_m[2] - 0.9
+    assert bottom == pytest.approx(0.0, abs=1e-6)
+    assert states[6].velocity_mps == pytest.approx([6.0, 0.0, 0.0], abs=1e-3)
+
+
 @pytest.mark.parametrize("frame", [3, 8])
 def test_the_reference_lies_on_the_car_in_the_image(root, frame):
     """The returns come from a clockwise scan by a moving vehicle of a moving car; the truth is the car at exposure."""
