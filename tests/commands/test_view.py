@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 from bench.commands.view import chosen_frames, parsed_span
 from bench.errors import UsageError
 from bench.recordings import ImageRef
-from tests.support import planting
+from tests.support import drive, planting
 from tests.support.commands import call, error_line
-from tests.validation import drive
 
 
 def turn_camera(head, degrees):
