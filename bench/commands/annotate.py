@@ -15,6 +15,7 @@ from bench.commands.command import TEXT, Flag, Place, Words, add_command, group
 from bench.commands.console import FAILURES, Report, print_blocks, print_failures, progress_bar, resumable, say
 from bench.commands.options import Dataset, Workers, as_card, as_executor, rendered_card
 from bench.errors import UnknownNameError, UsageError
+from bench.plain_text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -447,8 +448,8 @@ def _print_labels(written: ConvertedLabels) -> None:
     labels, recording = written.labels, written.recording
     states = [(track.object_class, state.shape) for track in labels.tracks for state in track.states]
     annotated = len({sweep.timestamp_ns for sweep in recording.sweeps} & set(labels.timestamps_ns))
-    objects = f"{recording.name}: {len(labels.tracks)} objects in {len(states)} places"
-    say(f"{objects}, {annotated} of {len(recording.sweeps)} sweeps annotated")
+    objects, places = counted(len(labels.tracks), "object"), counted(len(states), "place")
+    say(f"{recording.name}: {objects} in {places}, {annotated} of {len(recording.sweeps)} sweeps annotated")
     for object_class in dict.fromkeys(track.object_class for track in labels.tracks):
         sizes_m = [shape.size_m for name, shape in states if name == object_class and isinstance(shape, Cuboid)]
         middle = ": the middle box is {:.2f} m long, {:.2f} m wide, {:.2f} m high"

@@ -66,7 +66,7 @@ def test_a_recording_that_nobody_annotated_is_imported_into(monkeypatch, capsys,
     before = sorted(path for path in card.parent.rglob("*"))
     source = out / "drive"
     assert call(monkeypatch, "annotate", "import", "openlabel", source, *words(card, "--out", folder)) == 0
-    assert "drive: 1 objects in 3 places, 2 of 2 sweeps annotated" in capsys.readouterr().out
+    assert "drive: 1 object in 3 places, 2 of 2 sweeps annotated" in capsys.readouterr().out
     assert sorted(path for path in card.parent.rglob("*")) == before
     (track,) = read_annotations(folder / "drive.json")
     van = tiny.tracks()[0]
@@ -89,7 +89,7 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     assert "got 'Lorry'; map each of them, as --class 'Lorry=CLASS'" in capsys.readouterr().err
     assert not (tmp_path / "in").exists()
     assert call(monkeypatch, *source, "--class", "lorry=none") == 0
-    assert "places of class 'Lorry', left out as asked" in " ".join(capsys.readouterr().out.split())
+    assert "places of class 'Lorry': left out as asked" in " ".join(capsys.readouterr().out.split())
     assert call(monkeypatch, *exported(card, "boxes", out)) == 0
     table = out / "drive/boxes.csv"
     table.write_text(table.read_text().replace(",vehicle,vehicle,", ",vehicle,base_link,"))
