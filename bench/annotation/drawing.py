@@ -10,14 +10,16 @@ from pydantic import Field
 from shapely import contains_xy
 from shapely.geometry import MultiPoint, Polygon
 
-from bench.annotation.boxes import guess_class
+from bench.annotation.boxes import guess_class, slopes
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import Position, StoredTrack, box_states
 from bench.errors import UsageError
+from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Recording
 from bench.recordings.validation import FileModel
-from bench.records.recording import world_velocities
 from bench.reference.sweeps import pose_sweep
+from bench.times import SECOND_NS
 
 GROUND_M, GROUND_SLOPE = 0.2, 0.01  # above the road by less than this and this part of the range
 NEAR_M, LOW_PERCENT = 15.0, 5  # returns so near tell the height of the road
@@ -124,36 +126,29 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _fitted(recording: Recording, points_in: dict[int, NDArray[np.float64]], name: str) -> StoredTrack:
     times_ns = np.array([recording.sweeps[i].timestamp_ns for i in points_in], dtype=np.int64)
-    middles = np.array([[*_middle(points), 0.0] for points in points_in.values()])
-    velocities = world_velocities(times_ns, _smoothed(middles)) if len(points_in) > 2 else np.zeros((len(points_in), 3))
-    speeds = np.hypot(velocities[:, 0], velocities[:, 1])
+    middles = np.array([_middle(points) for points in points_in.values()])
+    velocities = slopes((times_ns - times_ns[0]) / SECOND_NS, middles, ProposalSettings().fit_s)
+    speeds = np.hypot(*velocities.T)
     moving = speeds > STANDING_MPS
-    speed_mps = float(np.median(speeds[moving])) if moving.any() else 0.0
     if np.median(speeds) > STANDING_MPS:
         headings = np.unwrap(np.arctan2(velocities[moving, 1], velocities[moving, 0]))
         yaws = np.interp(np.arange(len(points_in)), np.flatnonzero(moving), headings)
     else:
         yaws = np.full(len(points_in), _heading(next(iter(points_in.values()))))
-    lows, highs = np.empty((len(points_in), 3)), np.empty((len(points_in), 3))
-    for row, (points, yaw) in enumerate(zip(points_in.values(), yaws, strict=True)):
-        own = points @ _axes(yaw)
-        lows[row], highs[row] = np.percentile(own, 2, axis=0) - MARGIN_M, np.percentile(own, 98, axis=0) + MARGIN_M
+    axes = [RigidTransform.from_yaw(yaw).rotation for yaw in yaws]
+    ends = [np.percentile(points @ own, [2, 98], axis=0) for points, own in zip(points_in.values(), axes, strict=True)]
+    lows, highs = np.stack(ends, axis=1) + np.array([-MARGIN_M, MARGIN_M])[:, None, None]
     lows[:, 2] -= GROUND_M - MARGIN_M  # what stands on the road was left out with it
     size_m = np.maximum(np.percentile(highs - lows, 80, axis=0), SMALLEST_M)
     middles = np.column_stack([(lows + highs)[:, :2] / 2, highs[:, 2] - size_m[2] / 2])
-    centres_m = np.array([_axes(yaw) @ middle for yaw, middle in zip(yaws, middles, strict=True)])
+    centres_m = np.einsum("nij,nj->ni", axes, middles)
     return StoredTrack(
         id=name,
-        object_class=guess_class(size_m, speed_mps),
+        object_class=guess_class(size_m, float(np.median(speeds[moving])) if moving.any() else 0.0),
         size_m=tuple(size_m.tolist()),
         points_median=float(np.median([len(points) for points in points_in.values()])),
-        states=box_states(times_ns, centres_m, yaws, velocities[:, :2]),
+        states=box_states(times_ns, centres_m, yaws, velocities),
     )
-
-
-def _axes(yaw_rad: float) -> NDArray[np.float64]:
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _heading(points: NDArray[np.float64]) -> float:
@@ -164,10 +159,3 @@ def _heading(points: NDArray[np.float64]) -> float:
     sides = np.diff(np.array(outline.exterior.coords)[:3], axis=0)
     x, y = sides[np.argmax(np.hypot(*sides.T))]
     return float(np.arctan2(y, x))
-
-
-def _smoothed(positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of up to five neighbours, fewer and as many on both sides at the ends."""
-    last = len(positions_m) - 1
-    reaches = [min(2, i, last - i) for i in range(len(positions_m))]
-    return np.array([positions_m[i - reach : i + reach + 1].mean(axis=0) for i, reach in enumerate(reaches)])

@@ -15,10 +15,9 @@ from shapely.geometry import Polygon
 
 from bench.annotation.decisions import Motion, ReviewedTrack, State, applied, history, opening, to_tracks, undecided
 from bench.annotation.evaluate import evaluate_proposals
-from bench.annotation.proposals import Proposal, propose
+from bench.annotation.proposals import propose
 from bench.annotation.store import (
     Decision,
-    Doubt,
     Draw,
     Judge,
     Proposed,
@@ -26,8 +25,6 @@ from bench.annotation.store import (
     SetCategory,
     SetClass,
     SetUnclear,
-    StoredTrack,
-    box_states,
     read_review,
     review_file,
     write_review,
@@ -107,8 +104,7 @@ def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> Propos
         stored = read_review(file) if file.exists() else None
         computed = stored is None or stored.proposed != made_from
         if computed:
-            tracks = tuple(stored_track(proposal) for proposal in propose(recording))
-            made = Review(dataset=dataset, recording=handle.name, proposed=made_from, tracks=tracks)
+            made = Review(dataset=dataset, recording=handle.name, proposed=made_from, tracks=propose(recording))
             stored = made if stored is None else carry_over(stored, made)
             write_review(file, stored)
     except BenchError as error:
@@ -123,18 +119,6 @@ def proposal_digests(recording: Recording) -> Proposed:
     cameras = {name: digest_of(camera) for name, camera in recording.cameras.items()}  # they tell where the road is
     data = digest_of(digest_ego_motion(recording), cameras, recording.vehicle_outline_m, digest_sweeps(recording))
     return Proposed(data=data, code=code_digest(CODE))
-
-
-def stored_track(proposal: Proposal) -> StoredTrack:
-    """A proposal as a review file holds it."""
-    return StoredTrack(
-        id=proposal.track_id,
-        object_class=proposal.object_class,
-        size_m=tuple(proposal.size_m.tolist()),
-        doubts=tuple(Doubt(reason=reason, value=value) for reason, value in proposal.doubts),
-        points_median=float(proposal.points_median),
-        states=box_states(proposal.timestamps_ns, proposal.centres_m, proposal.yaw_rad, proposal.velocity_mps),
-    )
 
 
 def evaluate_drives(

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi, sqrt, tau
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,19 +196,11 @@ def range_view(
     usable = usable & (row >= 0) & (row < shape[1])
     image = np.full(shape, np.inf, dtype=np.float32)
     np.minimum.at(image, (column[usable], row[usable]), range_m[usable].astype(np.float32))
-    low = _over_neighbours(np.minimum, image, np.float32(np.inf))
-    seen = _over_neighbours(np.add, np.isfinite(image).astype(np.int8), np.int8(0))
-    low[seen < LEAST_SEEN] = np.nan
+    low = ndimage.minimum_filter(image, 3, mode=["wrap", "constant"], cval=np.inf)  # azimuth goes round
+    seen = ndimage.uniform_filter(np.isfinite(image).astype(np.float32), 3, mode=["wrap", "constant"])
+    low[seen < (LEAST_SEEN - 0.5) / 9] = np.nan
     chain, middle = _sensor_from_levelled(placed, (azimuth * (BINS / tau)).astype(np.int64) % BINS, road)
     return RangeView(ranges_m=low, sensor_from_levelled=chain, middle=middle)
-
-
-def _over_neighbours(combine: np.ufunc, image: NDArray[Any], outside: np.generic) -> NDArray[Any]:
-    """Combine each cell with its eight neighbours; azimuth goes round."""
-    padded = np.pad(image, ((1, 1), (0, 0)), mode="wrap")
-    columns = combine(combine(padded[:-2], padded[1:-1]), padded[2:])
-    padded = np.pad(columns, ((0, 0), (1, 1)), constant_values=outside)
-    return np.asarray(combine(combine(padded[:, :-2], padded[:, 1:-1]), padded[:, 2:]))
 
 
 def _sensor_from_levelled(placed: PosedSweep, bins: NDArray[np.int64], road: Road) -> tuple[Floats, Floats]:

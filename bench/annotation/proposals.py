@@ -11,7 +11,7 @@ are apart.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,10 +21,10 @@ from scipy.ndimage import gaussian_filter1d
 from bench.annotation.boxes import VEHICLE_M, Box, axes, fit_box
 from bench.annotation.prepared import Cloud, clouds
 from bench.annotation.settings import ProposalSettings
+from bench.annotation.store import Doubt, StoredTrack, box_states
 from bench.annotation.tracking import Fragment, Observation, Tracker, find_clusters
 from bench.errors import DataError
 from bench.records.recording import Recording
-from bench.records.reference import ObjectClass
 from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
@@ -60,39 +60,17 @@ RIGID_M = 12.5  # longer vehicles have a joint, or are two
 HALF = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Proposal:
-    """A moving object that was found, through the recording.
-
-    Attributes:
-        track_id: "p000" and so on, in the order of their first sweeps.
-        object_class: a guess by size and speed, one of `OBJECT_CLASSES`.
-        size_m: (3,) float64, length, width and height of its box.
-        timestamps_ns: (K,) int64, of the sweeps that it is seen in, increasing.
-        centres_m: (K, 3) float64, m, of the box, world frame of the recording's trajectory.
-        yaw_rad: (K,) float64, heading in the world; the direction of travel, also in reverse.
-        velocity_mps: (K, 2) float64, along the world's x and y; 0 where it rests before, after or between its motion.
-        doubts: reasons to look twice, each with the number behind it.
-        points_median: returns in a sweep, one for each voxel.
-    """
-
-    track_id: str
-    object_class: ObjectClass
-    size_m: Floats
-    timestamps_ns: NDArray[np.int64]
-    centres_m: Floats
-    yaw_rad: Floats
-    velocity_mps: Floats
-    doubts: tuple[tuple[str, float], ...]
-    points_median: int
-
-
-def propose(recording: Recording, *, settings: ProposalSettings | None = None) -> tuple[Proposal, ...]:
+def propose(recording: Recording, *, settings: ProposalSettings | None = None) -> tuple[StoredTrack, ...]:
     """Find everything that moves.
 
     Args:
         recording: the drive; its annotations, if it has any, are not looked at.
         settings: constants; None for those that were tried.
+
+    Returns:
+        Tracks as a review file holds them, called "p000" and so on in the order of their first sweeps. Class and height
+        may be guesses; headings are the direction of travel, also in reverse; velocities are 0 where an object rests
+        before, after or between its motion. Points count once for each voxel.
 
     Raises:
         DataError: a sweep that cannot be read, or a drive without any.
@@ -100,7 +78,7 @@ def propose(recording: Recording, *, settings: ProposalSettings | None = None) -
     if not recording.sweeps:
         raise DataError(recording.root, field="sweeps", expected="lidar sweeps to find moving objects in", got="none")
     settings = settings or ProposalSettings()
-    tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[tuple[int, int], list[Proposal]]()
+    tracker, segment, pieces = Tracker(settings), list[Cloud](), dict[tuple[int, int], list[StoredTrack]]()
 
     def judge() -> None:
         boxes = _believed(tracker.take(), segment, settings)
@@ -115,8 +93,8 @@ def propose(recording: Recording, *, settings: ProposalSettings | None = None) -
         segment.append(cloud)
     judge()
     found = [_one_after_the_other(parts) for _, parts in sorted(pieces.items())]
-    found.sort(key=lambda one: int(one.timestamps_ns[0]))
-    return tuple(replace(one, track_id=f"p{number:03d}") for number, one in enumerate(found))
+    found.sort(key=lambda track: track.states[0].timestamp_ns)
+    return tuple(track.model_copy(update={"id": f"p{number:03d}"}) for number, track in enumerate(found))
 
 
 def _believed(fragments: Sequence[Fragment], segment: Sequence[Cloud], settings: ProposalSettings) -> list[Box]:
@@ -140,25 +118,23 @@ def is_own(box: Box, settings: ProposalSettings) -> bool:
     return bool(beside and way_m > settings.own_way_m)
 
 
-def _proposal(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> Proposal:
+def _proposal(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> StoredTrack:
     seen = box.fragment.observations
     size_m = np.array([*box.size_m[:2], box.likely_height_m])
     levelled = np.column_stack([box.centres_m, box.bottom_m + size_m[2] / 2])
     centres = [observation.cloud.road.world(place[None])[0] for observation, place in zip(seen, levelled, strict=True)]
-    return Proposal(
-        track_id="",
+    times_ns = np.array([observation.cloud.timestamp_ns for observation in seen], dtype=np.int64)
+    return StoredTrack(
+        id="p",
         object_class=box.object_class,
-        size_m=size_m,
-        timestamps_ns=np.array([observation.cloud.timestamp_ns for observation in seen], dtype=np.int64),
-        centres_m=np.array(centres),
-        yaw_rad=box.yaw_rad,
-        velocity_mps=box.velocity_mps,
+        size_m=tuple(size_m.tolist()),
         doubts=_doubts(box, boxes, settings),
-        points_median=int(np.median([len(observation.rows) for observation in seen])),
+        points_median=float(np.floor(np.median([len(observation.rows) for observation in seen]))),
+        states=box_states(times_ns, np.array(centres), box.yaw_rad, box.velocity_mps),
     )
 
 
-def _doubts(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> tuple[tuple[str, float], ...]:
+def _doubts(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> tuple[Doubt, ...]:
     seen = box.fragment.observations
     points = float(np.median([len(observation.rows) for observation in seen]))
     moves_s = float(np.ptp(box.motion.times_s[box.moving]))
@@ -178,31 +154,23 @@ def _doubts(box: Box, boxes: Sequence[Box], settings: ProposalSettings) -> tuple
         ("seen through by few", through, through < settings.few_through),
     )
     assert {reason for reason, _, _ in looked_at} == EXPLAINED.keys()
-    return tuple((reason, value) for reason, value, doubted in looked_at if doubted)
+    return tuple(Doubt(reason=reason, value=value) for reason, value, doubted in looked_at if doubted)
 
 
-def _one_after_the_other(parts: Sequence[Proposal]) -> Proposal:
+def _one_after_the_other(parts: Sequence[StoredTrack]) -> StoredTrack:
     """Pieces of one track, from several segments, as one with the largest box."""
     if len(parts) == 1:
         return parts[0]
-    longest = max(parts, key=lambda part: len(part.timestamps_ns))
-    doubts = {reason: value for part in parts for reason, value in part.doubts if reason != "short"}
-    size_m = np.max([part.size_m for part in parts], axis=0)
-    if known := [part for part in parts if TOP_NOT_SEEN not in dict(part.doubts)]:
-        size_m[2] = max(part.size_m[2] for part in known)
-        doubts.pop(TOP_NOT_SEEN, None)
-    if any(ONE_END not in dict(part.doubts) for part in parts):
-        doubts.pop(ONE_END, None)
-    return replace(
-        longest,
-        size_m=size_m,
-        timestamps_ns=np.concatenate([part.timestamps_ns for part in parts]),
-        centres_m=np.concatenate([part.centres_m for part in parts]),
-        yaw_rad=np.concatenate([part.yaw_rad for part in parts]),
-        velocity_mps=np.concatenate([part.velocity_mps for part in parts]),
-        doubts=tuple(sorted(doubts.items())),
-        points_median=int(np.median([part.points_median for part in parts])),
-    )
+    doubts = {doubt.reason: doubt for part in parts for doubt in part.doubts if doubt.reason != "short"}
+    certain = {reason: [part for part in parts if reason not in part.reasons] for reason in (TOP_NOT_SEEN, ONE_END)}
+    length_m, width_m, height_m = (max(sides_m) for sides_m in zip(*(part.size_m for part in parts), strict=True))
+    changed = {
+        "size_m": (length_m, width_m, max([part.size_m[2] for part in certain[TOP_NOT_SEEN]], default=height_m)),
+        "doubts": tuple(doubts[reason] for reason in sorted(doubts) if not certain.get(reason)),
+        "points_median": float(np.floor(np.median([part.points_median for part in parts]))),
+        "states": tuple(state for part in parts for state in part.states),
+    }
+    return max(parts, key=lambda part: len(part.states)).model_copy(update=changed)
 
 
 def join(boxes: Sequence[Box], settings: ProposalSettings) -> list[Fragment]:

@@ -27,7 +27,6 @@ from bench.annotation.store import (
     Review,
     SetBox,
     Undo,
-    parse_decision,
     read_review,
     review_file,
     write_review,
@@ -53,6 +52,12 @@ LARGEST_SIDE_PX = 1280
 JPEG_QUALITY = 85
 GRID = 129  # of the table of a lens, in both directions
 WIDEST_RAD = 2.2
+
+
+class Asked(FileModel):
+    """A decision that the page asks for, with time and reviewer."""
+
+    decision: Decision
 
 
 class Watched(FileModel):
@@ -276,7 +281,7 @@ class Session:
         if isinstance(time_ns := values.get("timestamp_ns"), int):
             values["timestamp_ns"] = time_ns + self._start_ns
         values |= {"made_at": datetime.now(UTC).isoformat(), "reviewer": self._reviewer}
-        return parse_decision(json.dumps(values).encode())
+        return parse_json(Asked, json.dumps({"decision": values}).encode(), Path("page")).decision
 
     def _track(self, track: ReviewedTrack) -> Json:
         motion = track.motion

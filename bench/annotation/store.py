@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AwareDatetime, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AwareDatetime, Field, model_validator
 
 from bench.atomic import read_regular, write_bytes
 from bench.errors import DataError, UsageError
@@ -86,6 +86,11 @@ class StoredTrack(FileModel):
     doubts: tuple[Doubt, ...] = ()
     points_median: float = Field(default=0.0, ge=0.0)
     states: tuple[BoxState, ...] = Field(min_length=1)
+
+    @property
+    def reasons(self) -> set[str]:
+        """Those of its doubts."""
+        return {doubt.reason for doubt in self.doubts}
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -213,9 +218,6 @@ Decision = Annotated[
 ]
 
 
-DECISION: TypeAdapter[Decision] = TypeAdapter(Decision)
-
-
 class Review(FileModel):
     """The content of the file.
 
@@ -282,20 +284,6 @@ def write_review(file: Path, review: Review) -> None:
     if len(content) > LARGEST_BYTES:
         raise UsageError(f"{file}: expected a review of at most {LARGEST_BYTES} bytes, got {len(content)}")
     write_bytes(file, content)
-
-
-def parse_decision(content: bytes) -> Decision:
-    """A decision from JSON that a page or program sends.
-
-    Raises:
-        UsageError: not JSON, unknown actions, classes or keys, or values that the format refuses.
-    """
-    try:
-        return DECISION.validate_json(content, strict=True)
-    except ValidationError as error:
-        fault = error.errors(include_url=False, include_context=False)[0]
-        where = ".".join(str(part) for part in ("decision", *fault["loc"]))
-        raise UsageError(f"{where}: {fault['msg']}, got {str(fault.get('input'))[:80]!r}") from None
 
 
 def box_states(

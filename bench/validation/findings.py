@@ -5,7 +5,7 @@ What each check expects, and what a user can do about it, stands in findings.yam
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -105,10 +105,8 @@ def new_finding(
     field: str | None = None,
     severity: Severity | None = None,
     hint: str | None = None,
-    times: int = 1,
-    timestamp_ns: int | None = None,
-    at: NDArray[np.bool_] | None = None,
-    at_ns: NDArray[np.int64] | None = None,
+    times: int | None = None,
+    at_ns: Sequence[int] | NDArray[np.int64] = (),
     **values: object,
 ) -> Finding:
     """A finding with the texts of findings.yaml.
@@ -120,15 +118,11 @@ def new_finding(
         field: as in `Finding`.
         severity: where it is not the one that stands there.
         hint: the same.
-        times: as in `Finding`.
-        timestamp_ns: as in `Finding`.
-        at: (N,) bool, where it was found, at least once: gives `times` and `timestamp_ns`.
-        at_ns: (N,) int64, times of `at`.
+        times: as in `Finding`; None for once at each of `at_ns`, or once.
+        at_ns: times at which it was found, the first one first; none where no time belongs to it.
         values: named in braces in the texts.
     """
     text = _texts()[0][kind]
-    if at is not None and at_ns is not None:
-        times, timestamp_ns = int(at.sum()), int(at_ns[np.argmax(at)])
     return Finding(
         check=kind.split(":")[0],
         severity=severity or Severity(text.get("severity", "error")),
@@ -137,8 +131,8 @@ def new_finding(
         expected=text["expected"].format(**values),
         got=text["got"].format(**values) if got is None else got,
         hint=text.get("hint", "").format(**values) if hint is None else hint,
-        times=times,
-        timestamp_ns=timestamp_ns,
+        times=times or len(at_ns) or 1,
+        timestamp_ns=int(at_ns[0]) if len(at_ns) else None,
     )
 
 

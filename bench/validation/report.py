@@ -34,7 +34,7 @@ from bench.validation.fits.static_world import check_static_world
 from bench.validation.quick.boxes import check_annotated, check_boxes
 from bench.validation.quick.calibration import check_calibration, check_length_units
 from bench.validation.quick.motion import check_ego_limits, check_motion
-from bench.validation.quick.sensors import SweepChecks, check_images
+from bench.validation.quick.sensors import check_images, check_sweeps
 from bench.validation.quick.times import check_annotation_times, check_clocks, check_coverage, check_time_units
 
 SAMPLED_IMAGES, NEIGHBOURING_IMAGES = 120, 6  # of each camera, in runs of so many
@@ -104,13 +104,17 @@ def validate_recording(
         return RecordingReport(name=handle.name, findings=_ordered(faults, handle.name))
     findings: list[Finding] = []
     undecided: list[Undecided] = []
+    contents = [*recording.contents]
 
-    def add(told: Iterable[Finding | Undecided], file: object = "") -> None:
+    def add(told: Iterable[Finding | Undecided | Content], file: object = "") -> None:
         for each in told:
-            if isinstance(each, Undecided):
-                undecided.append(each)
-            else:
-                findings.append(replace(each, file=each.file or str(file)))
+            match each:
+                case Undecided():
+                    undecided.append(each)
+                case Content():
+                    contents.append(each)
+                case Finding():
+                    findings.append(replace(each, file=each.file or str(file)))
 
     for check, file in CHECKS:
         add(check(recording), file(recording))
@@ -128,8 +132,7 @@ def validate_recording(
     for camera in recording.cameras:
         add(check_images(recording, camera, rows[camera], step))
     box_fit = BoxFit(recording)
-    sweep_checks = SweepChecks(recording, box_fit.add)
-    add(sweep_checks.check(sweep_rows, step))
+    add(check_sweeps(recording, sweep_rows, box_fit.add, step))
     for content in recording.contents:
         if content.suspect:
             got = f"{content.count} that are passed over: {content.why}"
@@ -142,7 +145,7 @@ def validate_recording(
         name=handle.name,
         findings=_ordered(findings, handle.name),
         undecided=tuple(undecided),
-        contents=(*recording.contents, *sweep_checks.contents()),
+        contents=tuple(contents),
         images=images,
         sweeps=Count(read=len(sweep_rows), all=len(recording.sweeps)),
     )

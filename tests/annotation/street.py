@@ -1,4 +1,4 @@
-"""The synthetic street of the validation's tests, and what is proposed there."""
+"""The synthetic street, and what is proposed there."""
 
 from dataclasses import replace
 from math import radians
@@ -7,10 +7,9 @@ import numpy as np
 
 from bench.annotation import ProposalSettings
 from bench.annotation.decisions import to_tracks
-from bench.annotation.drives import stored_track
 from bench.annotation.store import Review
 from bench.recordings import open_native
-from tests.validation import drive
+from tests.support import drive
 
 # The street's beams lie 1 and 1.5 degrees apart, and a cell of a range image holds one.
 COARSE = ProposalSettings(azimuth_rad=radians(1.0), elevation_rad=radians(1.5))
@@ -31,5 +30,4 @@ def enlarged(track, by_m=0.2):
 
 def annotated(proposals, recording):
     """Proposals as annotations of the recording."""
-    stored = tuple(stored_track(proposal) for proposal in proposals)
-    return to_tracks(Review(dataset="street", recording="street", tracks=stored), recording, unreviewed=True)
+    return to_tracks(Review(dataset="street", recording="street", tracks=proposals), recording, unreviewed=True)

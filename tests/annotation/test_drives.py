@@ -11,8 +11,8 @@ from bench.annotation.store import read_review, review_file, write_review
 from bench.execution import SerialExecutor
 from bench.recordings import load_card, open_dataset
 from tests.support.commands import called_here, error_line
+from tests.support.drive import write_drive
 from tests.support.reviews import decided, judge
-from tests.validation.drive import write_drive
 
 CARD = """
 name: street

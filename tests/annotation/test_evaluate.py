@@ -10,7 +10,7 @@ from bench.annotation import evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.records.recording import NOT_ANNOTATED, Annotated
-from tests.validation.drive import OBJECTS, SWEEPS
+from tests.support.drive import OBJECTS, SWEEPS
 
 
 def outcomes(recording, proposed):

@@ -46,6 +46,6 @@ def test_a_tanker_and_a_car_in_a_real_queue_and_nothing_of_the_vehicle_itself(tm
     assert near["precision"] > 0.95
     assert near["speed_error_median"] < 0.1
     for proposal in proposals:
-        lidar_m = [recording.trajectory.world_from_vehicle(int(t)).translation_m for t in proposal.timestamps_ns]
-        away_m = np.hypot(*(proposal.centres_m - np.array(lidar_m)).T[:2])
+        lidar_m = [recording.trajectory.world_from_vehicle(s.timestamp_ns).translation_m for s in proposal.states]
+        away_m = np.hypot(*(np.array([s.centre_m for s in proposal.states]) - np.array(lidar_m)).T[:2])
         assert np.ptp(away_m) > ProposalSettings().own_sway_m or away_m.min() > ProposalSettings().own_range_m

@@ -86,7 +86,7 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     assert call(monkeypatch, *source) == 2
     assert "got 'Lorry'; map each of them, as --class 'Lorry=CLASS'" in capsys.readouterr().err
     assert not (tmp_path / "in").exists()
-    assert "places of class 'Lorry', left out as asked" in " ".join(output_of(*source, "--class", "lorry=none").split())
+    assert "places of class 'Lorry': left out as asked" in " ".join(output_of(*source, "--class", "lorry=none").split())
     assert call(monkeypatch, *exported(card, "boxes", out)) == 0
     table = out / "drive/boxes.csv"
     table.write_text(table.read_text().replace(",vehicle,vehicle,", ",vehicle,base_link,"))

@@ -5,9 +5,9 @@ import shutil
 
 import pytest
 
+from tests.support import drive
 from tests.support.cards import write_card
 from tests.support.commands import call, error_line, output_of
-from tests.validation import drive
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 from bench.commands.view import chosen_frames, parsed_span
 from bench.errors import UsageError
 from bench.recordings import ImageRef
-from tests.support import planting
+from tests.support import drive, planting
 from tests.support.cards import write_card
 from tests.support.commands import call, error_line, output_of
-from tests.validation import drive
 
 
 def turn_camera(head, degrees):

@@ -7,12 +7,12 @@ import pytest
 
 from bench.synthesis import synthesize
 from tests.conftest import made_once
-from tests.validation import drive
+from tests.support.drive import MARGIN_M, write_drive
 
 
 @pytest.fixture(scope="session")
 def clean(shared):
-    return made_once(shared, "clean", lambda folder: drive.write_drive(folder / "drive", drive.MARGIN_M)) / "drive"
+    return made_once(shared, "clean", lambda folder: write_drive(folder / "drive", MARGIN_M)) / "drive"
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from bench.validation.fits import cameras
 from bench.validation.fits.camera_fit import CameraFit, Fit
 from bench.validation.fits.flow import FARTHEST_PX, MARGIN_PX, SECTORS, image_edges, lidar_edges, reduced, seen_flows
 from bench.validation.fits.scan_matching import measured_motion, scan_steps
+from tests.support.drive import cast
 from tests.support.tiny import HEIGHT, WIDTH, front_camera
-from tests.validation.drive import cast
 
 ACROSS = 0  # sector of an edge whose grey levels change to the right: one that runs down the image
 STEP_DEG = 0.4

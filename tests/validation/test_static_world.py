@@ -1,7 +1,5 @@
 """Mistakes of the lidar's mounting, odometry and their clocks, planted into a small drive: each is named."""
 
-import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -15,11 +13,9 @@ from bench.validation.findings import Finding, Undecided
 from bench.validation.fits.readings import mounting_name
 from bench.validation.fits.scan_matching import measured_motion, scan_steps
 from bench.validation.fits.static_world import check_static_world, road_plane
-from benchmarks.mistakes import OF_LIDAR
-from benchmarks.planted_mistakes import text_of
+from tests.support import drive
 from tests.support.planting import change_bus, change_head, change_sweeps
 from tests.support.tiny import VEHICLE_FROM_LIDAR
-from tests.validation import drive
 
 
 def told(root):
@@ -49,53 +45,6 @@ def test_the_inverse_of_a_turned_mounting(root):
     change_head(root, turn)
     (found,) = told(root)
     assert "the inverse of vehicle_from_lidar" in found.got
-
-
-@pytest.fixture(scope="module")
-def winding(tmp_path_factory):
-    """A drive that brakes and turns in and out."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive, "trajectory", drive.winding_path)
-        root = drive.write_drive(tmp_path_factory.mktemp("winding") / "drive")
-    signals = drive.winding_signals()
-    RecordingWriter(root).bus_signals(**signals, gear=["D"] * len(signals["speed_mps"]))
-    return root
-
-
-# By the small drive a mounting of 6 degrees and its inverse are 11 degrees of yaw, heights show in the road alone, and
-# sweeps that are a whole sweep late have boxes at the times of others.
-UNTOLD = {
-    "lidar mounting inverse", "lidar 10 cm too high", "lidar 30 cm too high", "speed 2 % too high",
-    "sweeps 100 ms late", "sweeps 100 ms early",
-}  # fmt: skip
-ALWAYS_RUN = {
-    "lidar mirrored in x", "lidar axes rotated", "lidar turned by 5 degrees", "sweeps 50 ms late",
-    "odometry 10 ms late", "speed 5 % too high", "yaw rate off by 1 degree per second",
-}  # fmt: skip
-FILES = {"lidar": "recording.json", "sweeps": "lidar"}
-FITTED = {
-    "lidar turned by 2 degrees": -2.0,
-    "lidar turned by 5 degrees": -5.0,
-    "speed 5 % too high": 100 / 1.05 - 100,
-    "yaw rate off by 1 degree per second": -1.0,
-} | {
-    f"{who} {late_ms} ms {word}": sign * late_ms
-    for late_ms in (10, 50, 100)
-    for who, word, sign in (
-        ("sweeps", "late", 1), ("sweeps", "early", -1), ("odometry", "late", -1), ("odometry", "early", 1),
-    )
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("mistake", drive.planted(OF_LIDAR, always_run=ALWAYS_RUN, untold=UNTOLD))
-def test_a_planted_mistake_is_named_with_its_file_and_size(winding, tmp_path, mistake):
-    root = shutil.copytree(winding, tmp_path / "drive")
-    mistake.plant(root)
-    (finding,) = told(root)
-    assert re.search(mistake.lead, text_of(finding), re.IGNORECASE), text_of(finding)
-    assert finding.file == str(root / FILES.get(mistake.name.split()[0], "egomotion.csv"))
-    if mistake.name in FITTED:
-        assert float(finding.got.split()[0]) == pytest.approx(FITTED[mistake.name], abs=0.5)
 
 
 def with_poses(root, change):

@@ -13,9 +13,10 @@ from bench.validation import Severity
 from bench.validation.findings import causes
 from bench.validation.quick import motion
 from bench.validation.quick.motion import check_motion
+from tests.support import drive
+from tests.support.drive import with_points
 from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps, sweep_files
-from tests.validation import drive
-from tests.validation.drive import found, with_points
+from tests.validation.checking import found
 
 SLOW = pytest.mark.slow
 TIMES = {"microseconds": 10**3, "milliseconds": 10**6, "seconds": 10**9}

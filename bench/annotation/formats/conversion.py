@@ -27,7 +27,7 @@ from bench.atomic import write_bytes
 from bench.egomotion import Trajectory
 from bench.errors import DataError, OutputError, UnknownNameError, UsageError
 from bench.geometry import RigidTransform
-from bench.plain_text import listed
+from bench.plain_text import counted, listed
 from bench.plug_ins import imported, known_targets
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import world_velocities, world_yaw_rates
@@ -168,6 +168,11 @@ class LabelFormat(ABC):
             UsageError: a format that is only read.
         """
         raise UsageError(f"format {self.name!r}: expected one that can be written, got one that is only read")
+
+
+def lost_lines(counts: Mapping[str, int]) -> list[str]:
+    """Lines for things that were not read or cannot be written: what and why, and how many, if there are."""
+    return [f"{what} ({count})" for what, count in counts.items() if count]
 
 
 def map_classes(labels: Iterable[str], options: LabelOptions, *, source: Path) -> dict[str, str | None]:
@@ -350,12 +355,14 @@ def import_labels(format_name: str, source: Path, recording: Recording, options:
     """
     labels = label_format(format_name).read(source, recording, options)
     classes = map_classes((observation.label for observation in labels.observations), options, source=source)
-    left_out: Counter[str] = Counter(o.label for o in labels.observations if classes[o.label] is None)
-    lost = [*labels.lost, *(f"{n} places of class {name!r}, left out as asked" for name, n in left_out.items())]
+    left_out = Counter(
+        f"places of class {o.label!r}: left out as asked" for o in labels.observations if not classes[o.label]
+    )
+    lost = [*labels.lost, *lost_lines(left_out)]
     by_track = _by_track([o for o in labels.observations if classes[o.label]], classes, recording, lost)
     tracks = [_track(name, seen, classes, recording, source) for name, seen in by_track.items()]
-    if single := sum(len(track.states) == 1 for track in tracks):
-        lost.append(f"{single} objects are seen once, so that their speed is unknown where the files do not say it")
+    single = "objects that are seen once: their speed is unknown where the files do not say it"
+    lost += lost_lines({single: sum(len(track.states) == 1 for track in tracks)})
     times_ns = set(labels.timestamps_ns)
     if missing := [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in times_ns]:
         lost.append(
@@ -382,8 +389,9 @@ def _by_track(
         for together, row in zip(by_time.values(), numbers, strict=True):
             for observation, number in zip(together, row, strict=True):
                 tracks[f"{label}-unnamed-{number + 1}"].append(observation)
-        count, objects = sum(map(len, by_time.values())), 1 + max(max(row) for row in numbers)
-        lost.append(f"{count} places of {label} without an id: followed by nearness, {objects} objects")
+        objects = counted(1 + max(max(row) for row in numbers), "object")
+        loose_places = f"places of {label} without an id: followed by nearness, {objects}"
+        lost += lost_lines({loose_places: sum(map(len, by_time.values()))})
     return tracks
 
 

@@ -25,6 +25,7 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
+    lost_lines,
     pair_with_sweeps,
     recording_times,
     vehicle_from_tool,
@@ -129,9 +130,8 @@ class OpenLabelFormat(LabelFormat):
                     raise DataError(file, field=f"{field}.val", expected="a box whose z points up", got=got)
                 state = box_state(times_ns[number], box, cuboid.val[-3:])
                 observations.append(Observation(track=item.name if distinct else uid, label=item.type, state=state))
-        lost["objects without any cuboid in a frame, left out"] = len(unseen)
-        told = [f"{count} {what}" for what, count in (+lost).items()]
-        return ToolLabels(observations=observations, timestamps_ns=list(times_ns.values()), lost=told)
+        lost["objects without any cuboid in a frame: left out"] = len(unseen)
+        return ToolLabels(observations=observations, timestamps_ns=list(times_ns.values()), lost=lost_lines(lost))
 
     def write(self, recording: Recording) -> tuple[Files, list[str]]:
         """Write an annotation file whose objects have numbers, as the standard wants; arguments as in `LabelFormat`."""

@@ -20,7 +20,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from bench.annotation.formats.conversion import LabelFormat, LabelOptions, Observation, ToolLabels, pair_with_sweeps
+from bench.annotation.formats.conversion import (
+    LabelFormat,
+    LabelOptions,
+    Observation,
+    ToolLabels,
+    lost_lines,
+    pair_with_sweeps,
+)
 from bench.atomic import refuse_escape
 from bench.errors import DataError
 from bench.recordings import ObjectState, PointIndices, Recording, SweepRef
@@ -49,13 +56,11 @@ class SemanticKitti(LabelFormat):
         frames = pair_with_sweeps(files, recording, options, source=source)
         passed: Counter[int] = Counter()
         observations = [o for stem, ref in frames.items() for o in _moving_objects(files[stem], ref, recording, passed)]
+        other = {f"points of label {number}, which does not say moving": passed[number] for number in sorted(passed)}
         return ToolLabels(
             observations=observations,
             timestamps_ns=[sweep.timestamp_ns for sweep in frames.values()],
-            lost=[
-                f"{count} points of label {number}, which does not say moving"
-                for number, count in sorted(passed.items())
-            ],
+            lost=lost_lines(other),
         )
 
 

@@ -24,6 +24,7 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
+    lost_lines,
     recording_times,
     vehicle_from_tool,
 )
@@ -64,9 +65,8 @@ class BoxTable(LabelFormat):
             box = vehicle_from_frame @ RigidTransform.from_yaw(yaws_rad[row, 0], centres_m[row])
             state = box_state(times_ns[row], box, sizes_m[row], vehicle_from_frame.rotate(velocities_mps[row]))
             observations.append(Observation(track=track, label=label, state=state))
-        lost = [
-            f"column {name[:40]!r}: no field for it" for name in map(str, table) if name not in {*REQUIRED, *VELOCITY}
-        ]
+        unknown_columns = sorted({*map(str, table)} - {*REQUIRED, *VELOCITY})
+        lost = [f"column {name[:40]!r}: no field for it" for name in unknown_columns]
         return ToolLabels(observations=observations, timestamps_ns=times_ns, lost=lost)
 
     def write(self, recording: Recording) -> tuple[Files, list[str]]:
@@ -83,10 +83,8 @@ class BoxTable(LabelFormat):
                     numbers = np.concatenate([box.translation_m, size_m, [yaw_rad], state.velocity_mps])
                     rows.append([state.timestamp_ns, *words, *numbers.tolist()])
         text = pd.DataFrame(rows, columns=[*REQUIRED, *VELOCITY]).to_csv(index=False, lineterminator="\n")
-        lost = _not_written(recording.tracks)
-        if leaning:
-            lost.append(f"{leaning} boxes that lean against the vehicle are written upright")
-        return {FILE: text.encode()}, lost
+        upright = lost_lines({"boxes that lean against the vehicle: written upright": leaning})
+        return {FILE: text.encode()}, [*_not_written(recording.tracks), *upright]
 
 
 def _not_written(tracks: Sequence[Track]) -> list[str]:
@@ -100,7 +98,7 @@ def _not_written(tracks: Sequence[Track]) -> list[str]:
         "marks of unclear objects": sum(state.unclear for state in states),
         "numbers in truth images (instance_id)": sum(track.instance_id is not None for track in tracks),
     }
-    return [f"{count} {what}: no field for them" for what, count in counts.items() if count]
+    return lost_lines({f"{what}: no field for them": count for what, count in counts.items()})
 
 
 def _read(file: Path) -> pd.DataFrame:

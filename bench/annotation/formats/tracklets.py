@@ -31,6 +31,7 @@ from bench.annotation.formats.conversion import (
     LabelOptions,
     Observation,
     ToolLabels,
+    lost_lines,
     pair_with_sweeps,
 )
 from bench.errors import DataError
@@ -96,7 +97,7 @@ def _not_read(tracklets: Sequence[Tracklet], *, set_poses: int) -> list[str]:
         "marks of truncation: no field for them": sum(pose.truncation in (CUT_OFF, *OUTSIDE) for pose in poses),
         "further attributes: no field for them": sum(tracklet.not_read for tracklet in tracklets),
     }
-    return [f"{count} {what}" for what, count in counts.items() if count]
+    return lost_lines(counts)
 
 
 def _listed_sweeps(file: Path, used: Sequence[int], recording: Recording, options: LabelOptions) -> dict[int, SweepRef]:

@@ -8,7 +8,7 @@ returns that move without a box: what the drive itself shows to be missing.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -20,15 +20,17 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
+from bench.plain_text import counted
 from bench.recordings import Cuboid, PointIndices, Recording, Track
 from bench.records.recording import NOT_ANNOTATED
+from bench.reference.silhouette import left_out_ground
 from bench.times import SECOND_NS
 from bench.validation.findings import Finding, Severity, box_of, new_finding, object_field
 from bench.validation.fits.box_returns import MARGINS_M, Beams, Boxes, BoxPath, Near, returns_held
 from bench.validation.fits.readings import BoxChange, Reading, box_readings
 
 if TYPE_CHECKING:
-    from bench.annotation.proposals import Proposal
+    from bench.annotation.store import BoxState, StoredTrack
 
 Array = NDArray[np.float64]
 
@@ -44,8 +46,7 @@ MOST_TIGHT = 0.1  # of the states of an object that are looked at
 MOST_EMPTY = 0.5  # of the states of an object that are looked at
 LEAST_STATES = 3
 ALL_TIGHT, HELD = 0.9, 0.98  # shares of the returns within the largest margin: too few inside, and enough
-MOST_BOXES = 200  # looked at in a sweep, 1 ms each
-MOST_TRIED = 6  # of those in a sweep, in every reading, 20 ms each
+MOST_TRIED = 6  # boxes of a sweep in every reading, 20 ms each
 
 LATE_MS = np.arange(-200, 201, 10)
 GROWN_M = np.arange(1, 8) / 10  # each of length, width and height
@@ -73,8 +74,7 @@ class _Tally:
         held: (11,), see `returns_held`.
         tried: sweeps near it.
         looked: those in which it is seen, or should be.
-        empty: of those, without a return in the box.
-        empty_ns: time of the first.
+        empty_ns: times of those without a return in the box.
         beams: through the empty boxes.
         points: returns in the boxes.
         tight_ns: times at which returns lie just outside.
@@ -88,8 +88,7 @@ class _Tally:
     held: Array = field(default_factory=lambda: np.zeros(len(MARGINS_M)))
     tried: int = 0
     looked: int = 0
-    empty: int = 0
-    empty_ns: int | None = None
+    empty_ns: list[int] = field(default_factory=list)
     beams: int = 0
     points: int = 0
     tight_ns: list[int] = field(default_factory=list)
@@ -100,7 +99,7 @@ class _Tally:
 class BoxFit:
     """Takes sweeps in turn, and counts returns in and around the boxes near them, in every reading.
 
-    In sweeps with more boxes than `MOST_BOXES` those are looked at that were looked at least so far.
+    In every reading are those of a sweep looked at that were looked at least so far.
 
     Args:
         recording: the drive.
@@ -114,7 +113,6 @@ class BoxFit:
             _Tally(track=track, path=BoxPath.of(track, recording), counts=np.zeros((rows, 3)))
             for track in recording.tracks
         ]
-        self._left_out = 0
 
     def add(self, sweep: LidarSweep) -> None:
         """Look at the states near a sweep."""
@@ -133,9 +131,8 @@ class BoxFit:
                 _look_at_indices(tally, shape, sweep)
             elif box is not None and float(np.hypot(*box.vehicle_from_object.translation_m[:2])) < FAR_M:
                 near.append((tally, i, box))
-        self._left_out += max(len(near) - MOST_BOXES, 0)
         near.sort(key=lambda entry: entry[0].tried)
-        for number, (tally, i, box) in enumerate(near[:MOST_BOXES]):
+        for number, (tally, i, box) in enumerate(near):
             self._look_at(tally, i, box, beams, in_every_reading=number < MOST_TRIED)
 
     def _look_at(self, tally: _Tally, i: int, box: Cuboid, beams: Beams, *, in_every_reading: bool) -> None:
@@ -168,9 +165,6 @@ class BoxFit:
 
     def findings(self) -> Iterator[Finding]:
         """Findings about all boxes, else object by object."""
-        if self._left_out:
-            got = f"more; in {self._left_out} boxes no points were looked for"
-            yield new_finding("crowded-boxes: returns", got, field="cuboid", times=self._left_out, most=MOST_BOXES)
         sweeps_ns = {sweep.timestamp_ns for sweep in self._recording.sweeps}
         for tally in self._tallies:
             yield from _index_findings(tally, sweeps_ns)
@@ -205,9 +199,10 @@ class BoxFit:
         best, first = max(mistakes, key=lambda mistake: mistake[0])
         others = [other for as_good, other in mistakes if other is not first and as_good > best - AS_WELL]
         row = int(np.argmax(np.where(fits, share, 0.0)))
+        count = counted(int(objects[row]), "object")
         return replace(
             first,
-            got=f"{stated[row]:.0%} of the points around {objects[row]} objects inside; {best:.0%} {first.got}"
+            got=f"{stated[row]:.0%} of the points around {count} inside; {best:.0%} {first.got}"
             + "".join(f"; as many {other.got}" for other in others),
             hint="; or ".join([first.hint, *(other.hint for other in others)]),
             times=int(objects[row]),
@@ -302,24 +297,21 @@ def _look_inside(tally: _Tally, box: Cuboid, near: Near, time_ns: int) -> None:
         tally.tight_ns.append(time_ns)
         tally.in_tight = max(tally.in_tight, in_box)
     if not points:
-        tally.empty += 1
+        tally.empty_ns.append(time_ns)
         tally.beams += beams
-        tally.empty_ns = time_ns if tally.empty_ns is None else tally.empty_ns
 
 
 def _empty_or_tight(tally: _Tally) -> Finding | None:
     field, times = object_field(tally.track), len(tally.tight_ns)
-    if tally.empty and tally.empty > MOST_EMPTY * tally.looked:
+    if len(tally.empty_ns) > MOST_EMPTY * tally.looked:
         sure = tally.points == 0 and tally.looked >= min(LEAST_STATES, len(tally.track.states))
         severity = Severity.ERROR if sure else Severity.WARNING
-        got = f"none in {tally.empty} of {tally.looked} sweeps, with {tally.beams} beams through it"
-        times, first_ns = tally.empty, tally.empty_ns
-        return new_finding("empty-box", got, field=field, severity=severity, times=times, timestamp_ns=first_ns)
+        got = f"none in {len(tally.empty_ns)} of {tally.looked} sweeps, with {tally.beams} beams through it"
+        return new_finding("empty-box", got, field=field, severity=severity, at_ns=tally.empty_ns)
     if times > MOST_TIGHT * tally.looked:
         got = f"{f'at most {tally.in_tight}' if tally.in_tight else '0'} points in {times} of {tally.looked} sweeps "
         got += f"that see it, and more within {100 * OUTSIDE_M:.0f} cm outside"
-        first_ns = tally.tight_ns[0]
-        return new_finding("tight-box", got, field=field, times=times, timestamp_ns=first_ns, least=LEAST_POINTS)
+        return new_finding("tight-box", got, field=field, at_ns=tally.tight_ns, least=LEAST_POINTS)
     return None
 
 
@@ -336,10 +328,9 @@ def tight_boxes(held: Array) -> Iterator[Finding]:
     fitting = int(np.argmax(shares >= HELD))
     if shares[0] < ALL_TIGHT and fitting < len(MARGINS_M) - 1:
         margin_cm = round(100 * MARGINS_M[fitting])
-        got = (
-            f"{shares[0]:.0%} of them inside, median of {len(told)} objects; {shares[fitting]:.0%} with {margin_cm} cm "
-        )
-        got += "more on each side"
+        count = counted(len(told), "object")
+        got = f"{shares[0]:.0%} of them inside, median of {count}; {shares[fitting]:.0%} with {margin_cm} cm more "
+        got += "on each side"
         hint = f"make the boxes {2 * margin_cm} cm longer and wider and {margin_cm} cm higher, or score with "
         hint += f"shape_margin_m: {MARGINS_M[fitting]:.2f} (surface-v1 has 0.05)"
         widest_cm = 100 * MARGINS_M[-1]
@@ -363,35 +354,19 @@ def _index_findings(tally: _Tally, sweeps_ns: set[int]) -> Iterator[Finding]:
         if isinstance(state.shape, PointIndices) and state.shape.sweep_timestamp_ns not in sweeps_ns
     ]
     for wrong in filter(None, (lost, tally.wrong_indices)):
-        (time_ns, got), field = wrong[0], f"object {tally.track.track_id!r}"
-        yield new_finding("point-indices", got, field=field, times=len(wrong), timestamp_ns=time_ns)
+        (_, got), field = wrong[0], f"object {tally.track.track_id!r}"
+        yield new_finding("point-indices", got, field=field, at_ns=[time_ns for time_ns, _ in wrong])
 
 
 # ---------------------------------------------------------------- what has no box
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unboxed:
-    """Limits from which proposals count as objects that lack a box.
-
-    Attributes:
-        sweeps: that are looked at, in the middle of the drive: 0.1 s each.
-        near_m: of the object to the vehicle's origin; proposals further away are less sure.
-        least_mps: of its median speed; a tree in the wind is slower.
-        least_sweeps: in which it moves without a box.
-        state_ns: of an annotated state to a sweep.
-        around_m: a box so far from the object is its own, if misplaced.
-    """
-
-    sweeps: int = 40
-    near_m: float = 15.0
-    least_mps: float = 1.0
-    least_sweeps: int = 8
-    state_ns: int = 300_000_000
-    around_m: float = 1.0
-
-
-UNBOXED = Unboxed()
+SEARCHED = 40  # sweeps in the middle of the drive, 0.1 s each
+SEARCHED_M = 15.0  # from the vehicle's origin; proposals further away are less sure
+LEAST_MPS = 1.0  # median speed; a tree in the wind is slower
+LEAST_WITHOUT = 8  # sweeps in which an object moves without a box
+STATE_NS = 300_000_000  # of an annotated state to a sweep
+AROUND_M = 1.0  # a box so far from an object is its own, if misplaced
 HARMLESS = {"fragments joined", "seen from one end", "top not seen"}  # doubts about a box, not its being there
 
 
@@ -401,66 +376,60 @@ def check_unboxed(recording: Recording) -> Iterator[Finding]:
         return
     from bench.annotation.proposals import propose  # compiled loops: most of a second, which other commands need not
 
-    first = max((len(recording.sweeps) - UNBOXED.sweeps) // 2, 0)
-    proposals: tuple[Proposal, ...] = ()
+    first = max((len(recording.sweeps) - SEARCHED) // 2, 0)
+    proposals: tuple[StoredTrack, ...] = ()
     with suppress(DataError):  # reported by the check of the sweeps
-        proposals = propose(replace(recording, sweeps=recording.sweeps[first : first + UNBOXED.sweeps]))
+        proposals = propose(replace(recording, sweeps=recording.sweeps[first : first + SEARCHED]))
     unboxed = []
-    for proposal in proposals:
-        rows = _moving_near(proposal, recording)
-        without = rows[[not _has_box(proposal, int(row), recording) for row in rows]]
-        sure = all(reason in HARMLESS for reason, _ in proposal.doubts)
-        if sure and len(without) > max(UNBOXED.least_sweeps - 1, len(rows) / 2):
-            unboxed.append((proposal, without))
+    for track in proposals:
+        moving = [state for state in track.states if _moves_near(state, recording)]
+        without = [state for state in moving if not _has_box(state, track, recording)]
+        if track.reasons <= HARMLESS and len(without) > max(LEAST_WITHOUT - 1, len(moving) / 2):
+            unboxed.append((track, without))
     if unboxed:
-        proposal, without = max(unboxed, key=lambda entry: len(entry[1]))
-        more = f"; {len(unboxed) - 1} more objects like that" if len(unboxed) > 1 else ""
-        got, first_ns = _described(proposal, without, recording) + more, int(proposal.timestamps_ns[without[0]])
-        yield new_finding("object-without-box", got, field="objects", times=len(unboxed), timestamp_ns=first_ns)
+        track, without = max(unboxed, key=lambda entry: len(entry[1]))
+        more = f"; {counted(len(unboxed) - 1, 'more object')} like that" if len(unboxed) > 1 else ""
+        got, at_ns = _described(track, without, recording) + more, [without[0].timestamp_ns]
+        yield new_finding("object-without-box", got, field="objects", times=len(unboxed), at_ns=at_ns)
 
 
-def _described(proposal: Proposal, without: NDArray[np.intp], recording: Recording) -> str:
-    x, y, _ = _place_vehicle(proposal, int(without[len(without) // 2]), recording)
-    speed_mps = float(np.median(np.hypot(*proposal.velocity_mps[without].T)))
-    length_m, width_m, _ = proposal.size_m
+def _described(track: StoredTrack, without: Sequence[BoxState], recording: Recording) -> str:
+    x, y, _ = _place_vehicle(without[len(without) // 2], recording)
+    speed_mps = float(np.median([np.hypot(*state.velocity_mps) for state in without]))
+    length_m, width_m, _ = track.size_m
     place = f"{abs(x):.0f} m {'ahead' if x > 0 else 'behind'}, {abs(y):.0f} m to the {'left' if y > 0 else 'right'}"
     size = f"{length_m:.1f} m x {width_m:.1f} m of returns that move at {speed_mps:.1f} m/s"
-    return f"{size} without a box in {len(without)} sweeps ({place})"
+    return f"{size} without a box in {counted(len(without), 'sweep')} ({place})"
 
 
-def _moving_near(proposal: Proposal, recording: Recording) -> NDArray[np.intp]:
-    """Indices of the proposal's states at which it moves nearby, when and where the recording is annotated."""
-    left_out = shapely.union_all([shapely.Polygon(outline) for outline in recording.annotated.left_out_m])
-    rows = [
-        row
-        for row, time_ns in enumerate(proposal.timestamps_ns)
-        if np.hypot(*proposal.velocity_mps[row]) > UNBOXED.least_mps
-        and recording.annotated.covers(int(time_ns))
-        and np.hypot(*(place_m := _place_vehicle(proposal, row, recording))[:2]) < UNBOXED.near_m
-        and not left_out.intersects(shapely.Point(place_m[:2]))
-    ]
-    return np.array(rows, dtype=np.intp)
+def _moves_near(state: BoxState, recording: Recording) -> bool:
+    """An object moves nearby, when and where the recording is annotated."""
+    place_m = _place_vehicle(state, recording)[:2]
+    near = np.hypot(*state.velocity_mps) > LEAST_MPS and np.hypot(*place_m) < SEARCHED_M
+    left_out = left_out_ground(recording.annotated)
+    return bool(
+        near and recording.annotated.covers(state.timestamp_ns) and not left_out.intersects(shapely.Point(place_m))
+    )
 
 
-def _has_box(proposal: Proposal, row: int, recording: Recording) -> bool:
+def _has_box(proposed: BoxState, track: StoredTrack, recording: Recording) -> bool:
     """The middle of the object is in or near an annotated box, seen from above, moved to the time of the sweep."""
-    time_ns = int(proposal.timestamps_ns[row])
-    for track in recording.tracks:
-        state = track.state_near(time_ns, within_ns=UNBOXED.state_ns)
+    for annotated in recording.tracks:
+        state = annotated.state_near(proposed.timestamp_ns, within_ns=STATE_NS)
         if state is None:
             continue
         box = box_of(state.shape)
         if box is None:
             return True  # point indices: which object has them is not looked at
-        moved_m = proposal.velocity_mps[row] * (time_ns - state.timestamp_ns) / SECOND_NS
-        then_m = proposal.centres_m[row] - np.append(moved_m, 0.0)
+        seconds = (proposed.timestamp_ns - state.timestamp_ns) / SECOND_NS
+        then_m = np.array(proposed.centre_m) - np.append(proposed.velocity_mps, 0.0) * seconds
         world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
         local = (world_from_vehicle @ box.vehicle_from_object).inverse().apply(then_m)
-        if (np.abs(local[:2]) < np.maximum(box.size_m, proposal.size_m.min())[:2] / 2 + UNBOXED.around_m).all():
+        if (np.abs(local[:2]) < np.maximum(box.size_m, min(track.size_m))[:2] / 2 + AROUND_M).all():
             return True
     return False
 
 
-def _place_vehicle(proposal: Proposal, row: int, recording: Recording) -> NDArray[np.float64]:
-    world_from_vehicle = recording.trajectory.world_from_vehicle(int(proposal.timestamps_ns[row]))
-    return world_from_vehicle.inverse().apply(proposal.centres_m[row])
+def _place_vehicle(state: BoxState, recording: Recording) -> NDArray[np.float64]:
+    world_from_vehicle = recording.trajectory.world_from_vehicle(state.timestamp_ns)
+    return world_from_vehicle.inverse().apply(np.array(state.centre_m))

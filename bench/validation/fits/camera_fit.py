@@ -146,12 +146,10 @@ class CameraFit:
             self._errors = np.zeros_like(self._error_sigmas)
         self._points = np.concatenate([flow.points_world for flow in flows])
         self._pair = np.repeat(np.arange(len(flows)), [len(flow.points_world) for flow in flows])
-        edges = [np.stack([flow.edges.points_world, flow.edges.ends_world]) for flow in flows]
-        self._edges = np.concatenate(edges, axis=1)
-        self._edge_image = np.repeat(np.arange(len(flows)), [one.shape[1] for one in edges])
+        self._edges = np.concatenate([flow.edges_world for flow in flows], axis=1)
+        self._edge_image = np.repeat(np.arange(len(flows)), [flow.edges_world.shape[1] for flow in flows])
         self._select_edges()
-        self.enough = self._select()
-        self.points = len(self._points) if self.enough else 0
+        self.points = self._select()
 
     def residuals(self, values: Floats, pair_errors: Floats | None = None) -> tuple[Floats, Floats]:
         """Seen minus predicted place in the previous image, and seen flow, of all points; NaN where not seen.
@@ -210,7 +208,7 @@ class CameraFit:
         for i, flow in enumerate(self._flows):
             rows = np.flatnonzero(inside & (image == i))
             u, v = nearest[rows].astype(int).T
-            offset = flow.edges.offsets[sector[rows].astype(int) % SECTORS, v, u]
+            offset = flow.edge_offsets[sector[rows].astype(int) % SECTORS, v, u]
             away = ((nearest[rows] + offset - pixels[rows]) * across[rows]).sum(axis=1)
             near = np.linalg.norm(offset.astype(float), axis=1) < FARTHEST_PX
             residual[rows] = np.where(near, away, np.nan)
@@ -240,7 +238,7 @@ class CameraFit:
         Returns:
             None where too little is seen.
         """
-        if not self.enough:
+        if not self.points:
             return None
         sigmas = np.concatenate([
             np.full(unknown.numbers, self._sigma(unknown, name in causes)) for name, unknown in UNKNOWNS.items()
@@ -319,17 +317,17 @@ class CameraFit:
         pixels, _ = self._model.project(points_camera)
         return np.asarray((pixels - centre) * np.exp(values[SLICES["focal"]]) + centre + values[SLICES["centre"]])
 
-    def _select(self) -> bool:
-        """Take some of the points that are seen; False for too few."""
+    def _select(self) -> int:
+        """Take some of the points that are seen, and return their number; 0 for too few."""
         residual, _ = self.residuals(np.zeros(len(STEPS)))
         seen = np.isfinite(residual).all(axis=1)
         rows = [np.flatnonzero(seen & (self._pair == i))[:POINTS] for i in range(len(self._flows))]
         rows = [few for few in rows if len(few) >= LEAST_POINTS]
         if len(rows) < LEAST_PAIRS:
-            return False
+            return 0
         chosen = np.concatenate(rows)
         self._points, self._pair = self._points[chosen], self._pair[chosen]
-        return True
+        return len(chosen)
 
     def _select_edges(self) -> None:
         """Take some of the edges in each part of each image."""

@@ -8,7 +8,7 @@ names the one that fits best, if it does so clearly. Where the drive cannot tell
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,48 +19,27 @@ from bench.validation.fits.flow import SeenFlow, mirrored, reduced, seen_flows
 from bench.validation.fits.readings import DEGREE, Reading, camera_readings
 from bench.validation.fits.scan_matching import MeasuredMotion, measured_motion, scan_steps
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraLimits:
-    """Size and certainty from which a deviation is reported; tuned on clean rendered drives.
-
-    Attributes:
-        predicted: share of the flow that a calibration must predict for anything to be said.
-        sure: share that the best fit must predict; else the drive cannot tell, but for what is doubted, see `doubtful`.
-        doubtful: share that the fit of one of `TOLD_AS_DOUBT` must predict to be told as a doubt, if it stands out.
-        least: share that the best fit predicts in any drive that is right: clean drives have 0.86 and more by day, and
-            a real one at night 0.36; wrong lenses and clocks there have up to 0.15.
-        better: share that another reading predicts more than the stated one.
-        mirrored: the same for mirrored images, where the stated ones predict enough: straight on they look alike.
-        alike: of the returns that the stated calibration sees in the image, as many another reading must see.
-        falls: part of the flow's residual, and px, by which it must fall for a rotation to be told by the gain of the
-            smallest one; where it falls by less, the gain must be as much larger as the rotation.
-        against: what the flow may lose to the edges, part of what a cause gains.
-        as_well: causes that raise it by so much less may be the one as well.
-        deviations: standard deviations that it must differ from 0.
-        turn_spread_radps: standard deviation of the yaw rate over the drive, from which on it tells a clock; on a
-            steady drive a wrong clock looks like a wrong position.
-        speed_spread: the same of the speed, part of its mean.
-        known_s: standard deviation up to which a clock counts as known.
-    """
-
-    predicted: float = 0.6
-    sure: float = 0.84
-    doubtful: float = 0.7
-    least: float = 0.2
-    better: float = 0.15
-    mirrored: float = 0.05
-    alike: float = 0.2
-    falls: tuple[float, float] = (0.1, 0.05)
-    against: float = 0.2
-    as_well: float = 10.0
-    deviations: float = 4.0
-    turn_spread_radps: float = 1.5 * DEGREE
-    speed_spread: float = 0.08
-    known_s: float = 0.005
-
-
-LIMITS = CameraLimits()
+# Size and certainty from which a deviation is reported; tuned on clean rendered drives.
+PREDICTED = 0.6  # share of the flow that a calibration must predict for anything to be said
+SURE = 0.84  # share that the best fit must predict; else the drive cannot tell, but for what is doubted, see `DOUBTFUL`
+DOUBTFUL = 0.7  # share that the fit of one of `TOLD_AS_DOUBT` must predict to be told as a doubt, if it stands out
+# Share that the best fit predicts in any drive that is right: clean drives have 0.86 and more by day, and a real one
+# at night 0.36; wrong lenses and clocks there have up to 0.15.
+LEAST_STATIC = 0.2
+BETTER = 0.15  # share that another reading predicts more than the stated one
+MIRRORED = 0.05  # the same for mirrored images, where the stated ones predict enough: straight on they look alike
+ALIKE = 0.2  # of the returns that the stated calibration sees in the image, as many another reading must see
+# Part of the flow's residual, and px, by which it must fall for a rotation to be told by the gain of the smallest one;
+# where it falls by less, the gain must be as much larger as the rotation.
+FALLS = (0.1, 0.05)
+AGAINST = 0.2  # what the flow may lose to the edges, part of what a cause gains
+AS_WELL = 10.0  # causes that raise it by so much less may be the one as well
+SIGMAS = 4.0  # standard deviations that it must differ from 0
+# Standard deviation of the yaw rate over the drive, from which on it tells a clock; on a steady drive a wrong clock
+# looks like a wrong position.
+TURN_SPREAD_RADPS = 1.5 * DEGREE
+SPEED_SPREAD = 0.08  # the same of the speed, part of its mean
+KNOWN_S = 0.005  # standard deviation up to which a clock counts as known
 # Light that moves along with the vehicle looks like a position, not like these; and what looks much like each of them.
 TOLD_AS_DOUBT = {"clock": (), "rotation": ("centre",)}
 INTERVAL = 1.96
@@ -92,7 +71,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
         return undecided("no flow is seen: too dark, too little texture, or the vehicle stands")
     stated = CameraFit(flows, recording.trajectory, seen, measured)
     clean = stated.fit(())
-    wrong = clean is None or clean.share < LIMITS.predicted
+    wrong = clean is None or clean.share < PREDICTED
     if (better := _best_reading(recording, seen, flows, measured, clean, all_readings=wrong)) is not None:
         return _misread(camera, clean, *better)
     if clean is None:
@@ -101,9 +80,9 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     fits = {cause: fit for cause in causes if (fit := stated.fit((cause,), beside=clean)) is not None}
     best = min(fits.values(), key=lambda fit: fit.cost)
     told = {cause: fit for cause, fit in fits.items() if _explains(cause, fit, clean) and _is_large(cause, fit)}
-    if best.share < LIMITS.least:
+    if best.share < LEAST_STATIC:
         return _unlike(camera, clean, best)
-    if best.share < LIMITS.sure:
+    if best.share < SURE:
         doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
         cause = next((cause for cause in TOLD_AS_DOUBT if _stands_out(cause, told, fits)), None)
         if cause is None:
@@ -115,7 +94,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     if (better := _best_reading(recording, seen, flows, measured, best, all_readings=True, better=0.0)) is not None:
         return _misread(camera, clean, *better)
     ranked = sorted(told.items(), key=lambda entry: entry[1].cost)
-    enough = ranked[0][1].cost + LIMITS.as_well
+    enough = ranked[0][1].cost + AS_WELL
     first, *others = (_deviation(recording, camera, cause, clean, fit) for cause, fit in ranked if fit.cost < enough)
     return replace(
         first,
@@ -127,7 +106,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
 def _unknown_clock(camera: MountedCamera, fit: Fit | None) -> Undecided | None:
     """Why the drive cannot tell the clock of the images; None where it can."""
     sigma_s = np.inf if fit is None else float(fit.sigmas[SLICES["clock"]][0])
-    if sigma_s < LIMITS.known_s:
+    if sigma_s < KNOWN_S:
         return None
     known = "" if fit is None else f": known to {1e3 * INTERVAL * sigma_s:.0f} ms only"
     why = f"the drive hardly brakes, speeds up or turns in and out{known}"
@@ -140,17 +119,17 @@ def _explains(cause: str, fit: Fit, clean: Fit) -> bool:
     A turn of degrees moves all flow, so that one which hardly explains any is a chance of few edges.
     """
     gain, of_flow, least = clean.cost - fit.cost, float((clean.losses - fit.losses).sum()), UNKNOWNS[cause].gain
-    share, px = LIMITS.falls
+    share, px = FALLS
     if cause == "rotation" and clean.residual_px - fit.residual_px < max(share * clean.residual_px, px):
         least *= max(float(np.abs(fit.values[SLICES[cause]]).max()) / UNKNOWNS[cause].smallest, 1.0)
-    return gain > least and of_flow > -LIMITS.against * gain
+    return gain > least and of_flow > -AGAINST * gain
 
 
 def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
     """A cause explains clearly more than any other that does not look the same."""
     others = min(fit.cost for other, fit in fits.items() if other != cause and other not in TOLD_AS_DOUBT[cause])
     fit = told.get(cause)
-    return fit is not None and fit.share > LIMITS.doubtful and fit.cost < others - LIMITS.as_well
+    return fit is not None and fit.share > DOUBTFUL and fit.cost < others - AS_WELL
 
 
 def _motion_changes(recording: Recording, flows: Sequence[SeenFlow]) -> bool:
@@ -161,9 +140,7 @@ def _motion_changes(recording: Recording, flows: Sequence[SeenFlow]) -> bool:
     seconds = np.diff(times_ns, axis=1)[:, 0] / 1e9
     speeds = np.linalg.norm(positions_m[:, 1] - positions_m[:, 0], axis=1) / seconds
     turns = (rotations[:, 0].transpose(0, 2, 1) @ rotations[:, 1])[:, 1, 0] / seconds
-    return bool(
-        np.std(turns) > LIMITS.turn_spread_radps or np.std(speeds) > LIMITS.speed_spread * max(np.mean(speeds), 1.0)
-    )
+    return bool(np.std(turns) > TURN_SPREAD_RADPS or np.std(speeds) > SPEED_SPREAD * max(np.mean(speeds), 1.0))
 
 
 def _best_reading(
@@ -174,7 +151,7 @@ def _best_reading(
     stated: Fit | None,
     *,
     all_readings: bool,
-    better: float = LIMITS.better,
+    better: float = BETTER,
 ) -> tuple[Reading[MountedCamera], Fit] | None:
     """The reading that predicts clearly more of the flow than the stated calibration; None without one.
 
@@ -195,22 +172,22 @@ def _best_reading(
         if all_readings or reading.elsewhere:
             seen = mirrored(flows) if reading.elsewhere else flows
             fit = CameraFit(seen, recording.trajectory, reading.undo, measured)
-            if fit.enough and (all_readings or fit.share() > share + LIMITS.mirrored):
+            if fit.points and (all_readings or fit.share() > share + MIRRORED):
                 tried.append((fit.share(), reading, fit))
     most = max((fit.points for _, _, fit in tried), default=0)
-    best = sorted((entry for entry in tried if entry[2].points > LIMITS.alike * most), key=lambda entry: -entry[0])[:3]
+    best = sorted((entry for entry in tried if entry[2].points > ALIKE * most), key=lambda entry: -entry[0])[:3]
     fitted = [(reading, again) for _, reading, fit in best if (again := fit.fit(())) is not None]
     if not fitted:
         return None
     reading, fitting = max(fitted, key=lambda entry: entry[1].share)
-    enough = max(LIMITS.predicted, share + (better if all_readings else LIMITS.mirrored))
+    enough = max(PREDICTED, share + (better if all_readings else MIRRORED))
     return (reading, fitting) if fitting.share > enough else None
 
 
 def _unlike(camera: MountedCamera, clean: Fit, best: Fit) -> Finding:
     got = f"{100 * clean.share:.0f} % of it; {100 * best.share:.0f} % by the calibration or clock that fits best"
     field, flow = f"cameras.{camera.name}, images of {camera.name}", EXPECTED.format(camera.name)
-    return new_finding("camera-flow", got, field=field, flow=flow, least=100 * LIMITS.least)
+    return new_finding("camera-flow", got, field=field, flow=flow, least=100 * LEAST_STATIC)
 
 
 def _misread(camera: MountedCamera, clean: Fit | None, reading: Reading[MountedCamera], best: Fit) -> Finding:
@@ -227,7 +204,7 @@ def _misread(camera: MountedCamera, clean: Fit | None, reading: Reading[MountedC
 def _is_large(cause: str, fit: Fit) -> bool:
     """A number of a cause is large, and certainly not small."""
     sizes, sigmas, smallest = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]], UNKNOWNS[cause].smallest
-    large = sizes > np.maximum(smallest, LIMITS.deviations * sigmas)
+    large = sizes > np.maximum(smallest, SIGMAS * sigmas)
     return bool((large & (sizes - INTERVAL * sigmas > smallest / 2)).any())
 
 

@@ -42,25 +42,7 @@ SMOOTH_PX = 1.2  # sigma
 CANNY_STEPS = 16  # of a grey level
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Edges:
-    """Edges of a sweep, and those of an image taken at about that time.
-
-    Attributes:
-        points_world: (N, 3) float64, m, halfway between a return and the beam that passes it.
-        ends_world: (N, 3) float64, m, 5 cm further along the edge: the two give its direction in the image.
-        offsets: (4, H, W, 2) int16, px, from each pixel to the nearest edge of the image of each direction, right and
-            down; `FARTHEST_PX` or more where there is none.
-    """
-
-    points_world: NDArray[np.float64]
-    ends_world: NDArray[np.float64]
-    offsets: NDArray[np.int16]
-
-
-def lidar_edges(
-    placed: PosedSweep, heights_m: NDArray[np.float64], usable: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def lidar_edges(placed: PosedSweep, heights_m: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Find the edges of what a sweep saw.
 
     Only edges that go on for five beams count: leaves and most fences have none, and their jumps lie on nothing that an
@@ -72,12 +54,12 @@ def lidar_edges(
         usable: (N,) bool, returns that stand still and that the camera sees, too.
 
     Returns:
-        points_world and ends_world of `Edges`.
+        `edges_world` of `SeenFlow`.
     """
     points, nothing = placed.points_sensor(), np.empty((0, 3))
     grid = find_grid(points)
     if grid is None:
-        return nothing, nothing
+        return np.stack([nothing, nothing])
     ranges_m, world = np.linalg.norm(points, axis=1), placed.points_world()
     possible = usable & (ranges_m > SPAN_M[0]) & (ranges_m < SPAN_M[1])
     edges, ends = [nothing], [nothing]
@@ -94,7 +76,7 @@ def lidar_edges(
         edges.append(world[rows] + _turned(placed, ahead - points[rows]))
         direction = world[one[rows]] - world[other[rows]]
         ends.append(edges[-1] + 0.05 * direction / np.linalg.norm(direction, axis=1)[:, None])
-    return np.concatenate(edges), np.concatenate(ends)
+    return np.stack([np.concatenate(edges), np.concatenate(ends)])
 
 
 def _turned(placed: PosedSweep, vectors_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -104,7 +86,7 @@ def _turned(placed: PosedSweep, vectors_sensor: NDArray[np.float64]) -> NDArray[
 
 
 def image_edges(image: NDArray[np.uint8], camera: MountedCamera) -> NDArray[np.int16]:
-    """Offsets to the nearest edge of an image, `Edges.offsets`.
+    """Offsets to the nearest edge of an image, `edge_offsets` of `SeenFlow`.
 
     Args:
         image: (H, W) uint8.
@@ -144,43 +126,21 @@ def _scene(camera: MountedCamera) -> NDArray[np.bool_]:
     return np.asarray(cv2.erode(shown.astype(np.uint8), np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)) > 0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlowSampling:
-    """Limits of how much is looked at, and of flow that counts as seen.
-
-    Attributes:
-        pairs: of neighbouring images, spread over the drive.
-        measured: of pairs whose motion the lidar measures; with fewer all pairs are taken, and ego-motion as stated.
-        points: returns of each pair, before a camera sees some of them.
-        largest_width_px: larger images are reduced to this: flow takes 50 ms a pair then.
-        span_m: of returns from the camera: nearer ones are hidden from it by the car itself, farther ones hardly move.
-        hidden: of the range of a return, seen from the camera: one that is so much nearer hides it, see `_in_sight`.
-        nearest_sweep_ns: of a sweep to an image, half a revolution at 10 Hz.
-        return_px: flow there and back ends at most so far from its start.
-        texture: smaller eigenvalue of the structure tensor of a patch, grey levels squared as `cornerMinEigenVal`
-            scales them, at least.
-        over_noise: the same over that of a quarter of the pixels, which are sky, or noise at night.
-        moved_m: path of a pair, plus 10 m times its turn in radians, at least: else what moves is not the camera.
-        moved_px: median flow of a pair, at least: with less there is nothing to tell.
-        followed: share of the textured pixels whose flow must lead back.
-    """
-
-    pairs: int = 16
-    measured: int = 10
-    points: int = 6000
-    largest_width_px: int = 640
-    span_m: tuple[float, float] = (1.5, 40.0)
-    hidden: float = 0.8
-    nearest_sweep_ns: int = 60_000_000
-    return_px: float = 0.4
-    texture: float = 1e-4
-    over_noise: float = 4.0
-    moved_m: float = 0.1
-    moved_px: float = 1.0
-    followed: float = 0.2
-
-
-SAMPLING = FlowSampling()
+# How much is looked at, and flow that counts as seen.
+PAIRS = 16  # of neighbouring images, spread over the drive
+MEASURED = 10  # of pairs whose motion the lidar measures; with fewer all pairs are taken, and ego-motion as stated
+POINTS = 6000  # returns of each pair, before a camera sees some of them
+LARGEST_WIDTH_PX = 640  # larger images are reduced to this: flow takes 50 ms a pair then
+# Of returns from the camera: nearer ones are hidden from it by the car itself, farther ones hardly move.
+FLOW_SPAN_M = (1.5, 40.0)
+HIDDEN = 0.8  # of the range of a return, seen from the camera: one that is so much nearer hides it, see `_in_sight`
+NEAREST_SWEEP_NS = 60_000_000  # of a sweep to an image, half a revolution at 10 Hz
+RETURN_PX = 0.4  # flow there and back ends at most so far from its start
+TEXTURE = 1e-4  # smaller eigenvalue of the structure tensor of a patch, as `cornerMinEigenVal` scales it, at least
+FLOW_OVER_NOISE = 4.0  # the same over that of a quarter of the pixels, which are sky, or noise at night
+MOVED_M = 0.1  # path of a pair, plus 10 m times its turn in radians, at least: else what moves is not the camera
+MOVED_PX = 1.0  # median flow of a pair, at least: with less there is nothing to tell
+FOLLOWED = 0.2  # share of the textured pixels whose flow must lead back
 PATCH_PX = 9  # as DIS matches
 FLOW = DisFlow(preset="fast", finest_scale=1)
 
@@ -194,14 +154,18 @@ class SeenFlow:
         previous_ns: time of the one before it.
         flow: (H, W, 2) float32, px, from the image to the one before it; NaN where it is not seen.
         points_world: (N, 3) float64, m, returns of the static world.
-        edges: of them and of the image.
+        edges_world: (2, M, 3) float64, m, edges of the sweep: halfway between a return and the beam that passes it, and
+            5 cm further along the edge, which gives its direction in the image.
+        edge_offsets: (4, H, W, 2) int16, px, from each pixel to the nearest edge of the image of each direction, right
+            and down; `FARTHEST_PX` or more where there is none.
     """
 
     current_ns: int
     previous_ns: int
     flow: NDArray[np.float32]
     points_world: NDArray[np.float64]
-    edges: Edges
+    edges_world: NDArray[np.float64]
+    edge_offsets: NDArray[np.int16]
 
 
 def mirrored(flows: Sequence[SeenFlow]) -> list[SeenFlow]:
@@ -211,7 +175,7 @@ def mirrored(flows: Sequence[SeenFlow]) -> list[SeenFlow]:
         replace(
             seen,
             flow=seen.flow[:, ::-1] * mirror.astype(np.float32),
-            edges=replace(seen.edges, offsets=seen.edges.offsets[[0, 3, 2, 1], :, ::-1] * mirror.astype(np.int16)),
+            edge_offsets=seen.edge_offsets[[0, 3, 2, 1], :, ::-1] * mirror.astype(np.int16),
         )
         for seen in flows
     ]
@@ -220,9 +184,9 @@ def mirrored(flows: Sequence[SeenFlow]) -> list[SeenFlow]:
 def reduced(camera: MountedCamera) -> MountedCamera:
     """The camera at the size at which flow is computed."""
     width, height = camera.model.width, camera.model.height
-    if width <= SAMPLING.largest_width_px:
+    if width <= LARGEST_WIDTH_PX:
         return camera
-    size = SAMPLING.largest_width_px, round(height * SAMPLING.largest_width_px / width)
+    size = LARGEST_WIDTH_PX, round(height * LARGEST_WIDTH_PX / width)
     body = None if camera.ego_body is None else cv2.resize(camera.ego_body.astype(np.uint8), size) > 0
     return replace(camera, model=camera.model.scaled(*size), ego_body=body)
 
@@ -259,13 +223,14 @@ def seen_flow(recording: Recording, camera: MountedCamera, row: int) -> SeenFlow
     static = None if flow is None else _static_world(recording, current.timestamp_ns, camera)
     if flow is None or static is None:
         return None
-    points_world, edges_world, ends_world = static
+    points_world, edges_world = static
     return SeenFlow(
         current_ns=current.timestamp_ns,
         previous_ns=previous.timestamp_ns,
         flow=flow,
         points_world=points_world,
-        edges=Edges(points_world=edges_world, ends_world=ends_world, offsets=image_edges(image, camera)),
+        edges_world=edges_world,
+        edge_offsets=image_edges(image, camera),
     )
 
 
@@ -280,13 +245,13 @@ def chosen_pairs(recording: Recording, camera: str, measured: MeasuredMotion) ->
     rotations, positions_m, valid = recording.trajectory.at(times_ns)
     steps_ns = np.diff(times_ns)
     usable = valid[1:] & valid[:-1] & (steps_ns < 1.5 * recording.frame_interval_ns)
-    usable &= distance_to(times_ns[1:], sweeps_ns) < SAMPLING.nearest_sweep_ns
+    usable &= distance_to(times_ns[1:], sweeps_ns) < NEAREST_SWEEP_NS
     moved = np.linalg.norm(np.diff(positions_m, axis=0), axis=1)
     turned = np.linalg.norm(np.diff(rotations, axis=0), axis=(1, 2))
-    usable &= moved + 10.0 * turned > SAMPLING.moved_m
+    usable &= moved + 10.0 * turned > MOVED_M
     known = usable & measured.at((times_ns[1:] + times_ns[:-1]) // 2)
-    rows = np.flatnonzero(known if known.sum() >= SAMPLING.measured else usable) + 1
-    parts = np.linspace(0, len(rows), min(SAMPLING.pairs, len(rows)) + 1).astype(int)
+    rows = np.flatnonzero(known if known.sum() >= MEASURED else usable) + 1
+    parts = np.linspace(0, len(rows), min(PAIRS, len(rows)) + 1).astype(int)
     return [int(rows[(first + last) // 2]) for first, last in pairwise(parts)]
 
 
@@ -294,30 +259,30 @@ def _seen(current: NDArray[np.uint8], previous: NDArray[np.uint8], camera: Mount
     """Flow where there is texture and the way back ends where it began, NaN elsewhere; None where too little is."""
     smooth, smooth_previous = (np.asarray(cv2.GaussianBlur(i, (3, 3), 0), np.uint8) for i in (current, previous))
     contrast = cv2.cornerMinEigenVal(smooth, PATCH_PX)
-    textured = contrast > max(SAMPLING.texture, SAMPLING.over_noise * float(np.quantile(contrast, 0.25)))
+    textured = contrast > max(TEXTURE, FLOW_OVER_NOISE * float(np.quantile(contrast, 0.25)))
     if camera.ego_body is not None:
         textured &= ~camera.ego_body
     flow, back = FLOW(smooth, smooth_previous), FLOW(smooth_previous, smooth)
     v, u = np.indices(current.shape, dtype=np.float32)
     returned = cv2.remap(back, u + flow[..., 0], v + flow[..., 1], cv2.INTER_LINEAR, borderValue=(1e3, 1e3))
-    followed = textured & (np.linalg.norm(flow + returned, axis=2) < SAMPLING.return_px)
-    if followed.sum() < max(SAMPLING.followed * textured.sum(), 1):
+    followed = textured & (np.linalg.norm(flow + returned, axis=2) < RETURN_PX)
+    if followed.sum() < max(FOLLOWED * textured.sum(), 1):
         return None
-    if np.median(np.linalg.norm(flow[followed], axis=1)) < SAMPLING.moved_px:
+    if np.median(np.linalg.norm(flow[followed], axis=1)) < MOVED_PX:
         return None
     return np.where(followed[..., None], flow, np.float32(np.nan))
 
 
 def _static_world(
     recording: Recording, time_ns: int, camera: MountedCamera
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Returns of the nearest sweep that lie on no annotated object and that the camera sees, too, and their edges.
 
     Returns:
         (N, 3), m, world frame, some of the returns, and `lidar_edges` of all; None where no sweep is near.
     """
     sweeps_ns = sweep_times(recording)
-    if not len(sweeps_ns) or np.abs(sweeps_ns - time_ns).min() > SAMPLING.nearest_sweep_ns:
+    if not len(sweeps_ns) or np.abs(sweeps_ns - time_ns).min() > NEAREST_SWEEP_NS:
         return None
     sweep = recording.sweeps[int(np.argmin(np.abs(sweeps_ns - time_ns)))].read()
     placed = pose_sweep(sweep, recording.trajectory, recording.vehicle_from_lidar, recording.lidar_from_sensor)
@@ -327,13 +292,13 @@ def _static_world(
     away_m = np.linalg.norm(points_vehicle, axis=1)
     points_world = placed.points_world()
     place_m = recording.trajectory.world_from_vehicle(time_ns).apply(camera.vehicle_from_camera.translation_m)
-    usable = _in_sight(points_world - place_m) & (away_m > SAMPLING.span_m[0]) & (away_m < SAMPLING.span_m[1])
+    usable = _in_sight(points_world - place_m) & (away_m > FLOW_SPAN_M[0]) & (away_m < FLOW_SPAN_M[1])
     usable[usable] = ~on_objects(points_vehicle[usable], sweep.timestamp_ns, recording)
     rows = np.flatnonzero(usable)
     # Some at random, or the beams' pattern would choose.
-    rows = np.random.default_rng(0).permutation(rows)[: SAMPLING.points]
+    rows = np.random.default_rng(0).permutation(rows)[:POINTS]
     heights_m = points_vehicle[:, 2] - recording.ground_m
-    return (points_world[rows], *lidar_edges(placed, heights_m, usable)) if len(rows) else None
+    return (points_world[rows], lidar_edges(placed, heights_m, usable)) if len(rows) else None
 
 
 def _in_sight(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -347,4 +312,4 @@ def _in_sight(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     nearest_m = np.full((181, 360), np.inf)
     np.minimum.at(nearest_m, (elevation, azimuth), ranges_m)
     around_m = cv2.erode(np.pad(nearest_m, ((0, 0), (1, 1)), mode="wrap"), np.ones((3, 3), np.uint8))[:, 1:-1]
-    return np.asarray(around_m[elevation, azimuth] > SAMPLING.hidden * ranges_m)
+    return np.asarray(around_m[elevation, azimuth] > HIDDEN * ranges_m)

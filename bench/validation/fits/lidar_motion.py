@@ -18,7 +18,7 @@ from bench.egomotion import Trajectory
 from bench.geometry import RigidTransform, twist_between
 from bench.times import SECOND_NS
 from bench.validation.fits.readings import DEGREE
-from bench.validation.fits.scan_matching import Step
+from bench.validation.fits.scan_matching import LEAST_INFORMATION, Step
 
 Array = NDArray[np.float64]
 
@@ -82,27 +82,10 @@ PARAMETERS = tuple(QUANTITIES)
 STATED, USUAL = (np.array([getattr(one, name) for one in QUANTITIES.values()]) for name in ("stated", "usual"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fitting:
-    """Tolerances of the fit.
-
-    Attributes:
-        most_usual: standard deviations of good drives; beyond them a drive is not good.
-        least_information: of the path across the least certain direction, as in `Matching`; below it a step tells only
-            how far the lidar turned.
-        step_m: error of a step: noise, cells, and what constant motion over two sweeps leaves out.
-        soft_m: error of a step beyond which it counts less: a match that slipped.
-        longest_late_s: of clocks that are tried.
-    """
-
-    most_usual: float = 4.0
-    least_information: float = 0.025
-    step_m: float = 0.0015
-    soft_m: float = 0.02
-    longest_late_s: float = 0.2
-
-
-FITTING = Fitting()
+MOST_USUAL = 4.0  # standard deviations of good drives; beyond them a drive is not good
+STEP_M = 0.0015  # error of a step: noise, cells, and what constant motion over two sweeps leaves out
+SOFT_M = 0.02  # error of a step beyond which it counts less: a match that slipped
+LONGEST_LATE_S = 0.2  # of clocks that are tried
 STEP = float(np.finfo(np.float64).eps ** 0.5)  # of numeric derivatives, part of a value
 
 
@@ -176,7 +159,8 @@ def level_steps(steps: Sequence[Step], up: Array, height_m: float, forward: Arra
         whole = both.T @ step.information @ both
         across = whole[np.ix_(kept, free)]
         level = whole[np.ix_(kept, kept)] - across @ np.linalg.pinv(whole[np.ix_(free, free)], rcond=1e-6) @ across.T
-        if np.linalg.eigvalsh(level[:2, :2])[0] < FITTING.least_information:  # along a wall
+        # Along a wall a step tells only how far the lidar turned.
+        if np.linalg.eigvalsh(level[:2, :2])[0] < LEAST_INFORMATION:
             level = np.diag([0.0, 0.0, level[2, 2] - level[2, :2] @ np.linalg.pinv(level[:2, :2]) @ level[:2, 2]])
         sizes, directions = np.linalg.eigh(level)
         roots.append(np.sqrt(np.maximum(sizes, 0.0))[:, None] * directions.T)
@@ -281,14 +265,14 @@ def fitted(
     """
     freed = np.isin(PARAMETERS, free)
     prior = np.where(freed, 1e-3, 1.0)  # weak, so that nothing is singular
-    limit = np.where(freed, np.inf, FITTING.most_usual)
-    limit[0] = FITTING.longest_late_s / USUAL[0] if freed[0] else limit[0]
+    limit = np.where(freed, np.inf, MOST_USUAL)
+    limit[0] = LONGEST_LATE_S / USUAL[0] if freed[0] else limit[0]
 
     def residuals(scaled: Array) -> Array:
         errors = _errors(steps, odometry, mounting, STATED + scaled * USUAL)
-        size = np.linalg.norm(errors, axis=-1, keepdims=True) / FITTING.soft_m
+        size = np.linalg.norm(errors, axis=-1, keepdims=True) / SOFT_M
         less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
-        weighed = (errors * less / FITTING.step_m).reshape(*scaled.shape[:-1], -1)
+        weighed = (errors * less / STEP_M).reshape(*scaled.shape[:-1], -1)
         return np.concatenate([weighed, prior * scaled], axis=-1)
 
     def slopes(scaled: Array) -> Array:

@@ -29,53 +29,26 @@ from bench.validation.fits.readings import DEGREE
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Matching:
-    """Settings of the matching of sweeps.
-
-    Attributes:
-        most_steps: pairs of neighbouring sweeps; more than these are not needed for the intervals asked for.
-        run: of neighbouring sweeps in one piece; a long drive is looked at in several.
-        apart_s: time between sweeps that count as neighbours.
-        span_m: of returns from the lidar; nearer ones are the vehicle's own, farther ones are thin.
-        cell_m: returns are averaged in cubes of this side, so that near surfaces do not count for more.
-        cells: of a sweep that are taken, at random: dense sweeps fill 50,000 and take as many times longer.
-        source_points: returns of the later sweep that are moved.
-        surface_points: neighbours that make a surface.
-        thickness: of a surface, largest share of the thinnest axis in the next, as variances.
-        width: of a surface, smallest share of the second axis in the first, as variances: one ring is no surface.
-        reach_m: how far a surface may be in each round.
-        soft_m: distance at which a return counts half: it was hidden, or moves.
-        coarse_m: starts of the first match, along four directions and none; 35 m/s at 10 Hz.
-        arm_m: distance at which an error of the rotation counts as one of the path.
-        least_information: mean square of the share of a motion that surfaces feel, 16 % of it; normals scatter by 3
-            degrees, and a motion that is felt by less is not measured.
-        least_points: returns of a sweep; with fewer there is no match.
-        least_met: share of the returns that meet a surface in each round; with less there is no match.
-        least_near: share of the returns within `soft_m` of their surfaces; with less there is no match.
-    """
-
-    most_steps: int = 30
-    run: int = 11
-    apart_s: tuple[float, float] = (0.03, 0.35)
-    span_m: tuple[float, float] = (2.5, 50.0)
-    cell_m: float = 0.2
-    cells: int = 15_000
-    source_points: int = 2500
-    surface_points: int = 10
-    thickness: float = 0.1
-    width: float = 0.05
-    reach_m: tuple[float, ...] = (1.0, 0.6, 0.4, 0.3, 0.3, 0.3)
-    soft_m: float = 0.06
-    coarse_m: tuple[float, ...] = (0.8, 1.6, 2.5, 3.5)
-    arm_m: float = 10.0
-    least_information: float = 0.025
-    least_points: int = 200
-    least_met: float = 0.2
-    least_near: float = 0.5
-
-
-MATCHING = Matching()
+MOST_STEPS = 30  # pairs of neighbouring sweeps; more than these are not needed for the intervals asked for
+RUN = 11  # of neighbouring sweeps in one piece; a long drive is looked at in several
+APART_S = (0.03, 0.35)  # time between sweeps that count as neighbours
+SPAN_M = (2.5, 50.0)  # of returns from the lidar; nearer ones are the vehicle's own, farther ones are thin
+CELL_M = 0.2  # returns are averaged in cubes of this side, so that near surfaces do not count for more
+CELLS = 15_000  # of a sweep that are taken, at random: dense sweeps fill 50,000 and take as many times longer
+SOURCE_POINTS = 2500  # returns of the later sweep that are moved
+SURFACE_POINTS = 10  # neighbours that make a surface
+THICKNESS = 0.1  # of a surface, largest share of the thinnest axis in the next, as variances
+WIDTH = 0.05  # of a surface, smallest share of the second axis in the first, as variances: one ring is no surface
+REACH_M = (1.0, 0.6, 0.4, 0.3, 0.3, 0.3)  # how far a surface may be in each round
+SOFT_M = 0.06  # distance at which a return counts half: it was hidden, or moves
+COARSE_M = (0.8, 1.6, 2.5, 3.5)  # starts of the first match, along four directions and none; 35 m/s at 10 Hz
+ARM_M = 10.0  # distance at which an error of the rotation counts as one of the path
+# Mean square of the share of a motion that surfaces feel, 16 % of it; normals scatter by 3 degrees, and a motion that
+# is felt by less is not measured.
+LEAST_INFORMATION = 0.025
+LEAST_POINTS = 200  # returns of a sweep; with fewer there is no match
+LEAST_MET = 0.2  # share of the returns that meet a surface in each round; with less there is no match
+LEAST_NEAR = 0.5  # share of the returns within `SOFT_M` of their surfaces; with less there is no match
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -158,7 +131,7 @@ def scan_steps(recording: Recording) -> tuple[Step, ...]:
 def neighbouring(recording: Recording) -> NDArray[np.bool_]:
     """Steps between sweeps, (N - 1,), that are neither too short nor too long to be matched."""
     steps_s = np.diff(sweep_times(recording)) / SECOND_NS
-    return np.asarray((steps_s > MATCHING.apart_s[0]) & (steps_s < MATCHING.apart_s[1]))
+    return np.asarray((steps_s > APART_S[0]) & (steps_s < APART_S[1]))
 
 
 def _runs(recording: Recording) -> Iterator[Sequence[int]]:
@@ -167,19 +140,19 @@ def _runs(recording: Recording) -> Iterator[Sequence[int]]:
     steps_s, near = np.diff(times_ns) / SECOND_NS, neighbouring(recording)
     if not near.any():
         return
-    starts = np.arange(0, len(times_ns) - 1, MATCHING.run - 1)
+    starts = np.arange(0, len(times_ns) - 1, RUN - 1)
     rotations, positions_m, _ = recording.trajectory.at(times_ns)
     speed = np.linalg.norm(np.diff(positions_m, axis=0), axis=1) / steps_s
     turn = np.linalg.norm(np.diff(rotations[:, :, 0], axis=0), axis=1) / steps_s
     worth = []
     for start in starts:
-        rows = slice(start, start + MATCHING.run - 1)
+        rows = slice(start, start + RUN - 1)
         moving = np.nan_to_num(speed[rows] / 10.0), np.nan_to_num(turn[rows])
         worth.append(sum(float(np.ptp(values)) + 0.1 * float(values.mean()) for values in moving))
-    chosen = np.argsort(worth, kind="stable")[::-1][: max(1, round(MATCHING.most_steps / (MATCHING.run - 1)))]
+    chosen = np.argsort(worth, kind="stable")[::-1][: max(1, round(MOST_STEPS / (RUN - 1)))]
     for start in np.sort(starts[chosen]):
         run = [int(start)]
-        for row in range(int(start), min(int(start) + MATCHING.run - 1, len(times_ns) - 1)):
+        for row in range(int(start), min(int(start) + RUN - 1, len(times_ns) - 1)):
             if not near[row]:
                 yield run
                 run = []
@@ -195,16 +168,16 @@ def _static_returns(recording: Recording, row: int) -> _Returns | None:
         return None  # reported by the check of the sweeps
     points = sweep.points_lidar.astype(np.float64)
     away_m = np.linalg.norm(points - recording.lidar_from_sensor.translation_m, axis=1)
-    rows = np.flatnonzero((away_m > MATCHING.span_m[0]) & (away_m < MATCHING.span_m[1]))
+    rows = np.flatnonzero((away_m > SPAN_M[0]) & (away_m < SPAN_M[1]))
     rows = rows[~on_objects(recording.vehicle_from_lidar.apply(points[rows]), sweep.timestamp_ns, recording)]
-    if len(rows) < MATCHING.least_points:
+    if len(rows) < LEAST_POINTS:
         return None
     offsets_ns = sweep.time_offset_ns
     seconds = np.zeros(len(rows)) if offsets_ns is None else offsets_ns[rows] / SECOND_NS
-    cell = np.floor(points[rows] / MATCHING.cell_m).astype(np.int64) + 1000
+    cell = np.floor(points[rows] / CELL_M).astype(np.int64) + 1000
     _, number, count = np.unique(cell @ [1, 4000, 16_000_000], return_inverse=True, return_counts=True)
     columns = [np.bincount(number, weights=values) / count for values in (*points[rows].T, seconds)]
-    kept = np.random.default_rng(0).permutation(len(count))[: MATCHING.cells]
+    kept = np.random.default_rng(0).permutation(len(count))[:CELLS]
     return _Returns(time_ns=sweep.timestamp_ns, points=np.column_stack(columns[:3])[kept], seconds=columns[3][kept])
 
 
@@ -217,11 +190,11 @@ def _compensated(returns: _Returns, twist: Array, rows: NDArray[np.intp] | slice
 def _scan(returns: _Returns, twist: Array) -> _Scan:
     points = _compensated(returns, twist)
     tree = cKDTree(points)
-    neighbours = points[tree.query(points, k=MATCHING.surface_points)[1]]
+    neighbours = points[tree.query(points, k=SURFACE_POINTS)[1]]
     offsets = neighbours - neighbours.mean(axis=1, keepdims=True)
     variances, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))
     thin, middle, wide = variances.T
-    flat = (thin < MATCHING.thickness * middle) & (middle > MATCHING.width * wide)
+    flat = (thin < THICKNESS * middle) & (middle > WIDTH * wide)
     return _Scan(returns=returns, tree=tree, points=points, normals=np.where(flat[:, None], axes[:, :, 0], np.nan))
 
 
@@ -234,9 +207,9 @@ def _recompensated(scan: _Scan, twist: Array) -> _Scan:
 def _first_match(scan: _Scan, before: _Scan) -> Step | None:
     """Of many starts the one whose match brings most returns onto surfaces; then both sweeps compensated by it."""
     seconds = (scan.returns.time_ns - before.returns.time_ns) / SECOND_NS
-    along = [(x, y) for away in MATCHING.coarse_m for x, y in ((away, 0), (-away, 0), (0, away), (0, -away))]
+    along = [(x, y) for away in COARSE_M for x, y in ((away, 0), (-away, 0), (0, away), (0, -away))]
     starts = [np.array([0, 0, 0, x, y, 0]) / seconds for x, y in [(0, 0), *along]]
-    tried = [_moved(scan, before, start, MATCHING.source_points // 4, MATCHING.reach_m[:4]) for start in starts]
+    tried = [_moved(scan, before, start, SOURCE_POINTS // 4, REACH_M[:4]) for start in starts]
     matches = [one for one in tried if one is not None]
     if not matches:
         return None
@@ -246,8 +219,8 @@ def _first_match(scan: _Scan, before: _Scan) -> Step | None:
 
 def _match(scan: _Scan, before: _Scan, twist: Array) -> Step | None:
     """The twist, begun at that of the step before."""
-    moved = _moved(scan, before, twist, MATCHING.source_points, MATCHING.reach_m)
-    if moved is None or moved[2] < MATCHING.least_near:
+    moved = _moved(scan, before, twist, SOURCE_POINTS, REACH_M)
+    if moved is None or moved[2] < LEAST_NEAR:
         return None
     twist, information, _ = moved
     first_ns, last_ns = before.returns.time_ns, scan.returns.time_ns
@@ -280,27 +253,27 @@ def _moved(
         distances_m, nearest = map(np.asarray, before.tree.query(placed, distance_upper_bound=reach_m))
         met = np.flatnonzero(np.isfinite(distances_m))
         met = met[np.isfinite(before.normals[nearest[met], 0])]
-        if len(met) < MATCHING.least_met * len(rows):
+        if len(met) < LEAST_MET * len(rows):
             return None
         normals = before.normals[nearest[met]]
         away_m = np.einsum("ni,ni->n", normals, placed[met] - before.points[nearest[met]])
-        soft_m = max(MATCHING.soft_m, reach_m / 4)
+        soft_m = max(SOFT_M, reach_m / 4)
         weights = (soft_m**2 / (soft_m**2 + away_m**2)) ** 2  # Geman and McClure
         design = np.column_stack([np.cross(placed[met], normals), normals])
-        design[:, :3] /= MATCHING.arm_m
+        design[:, :3] /= ARM_M
         sizes, directions = np.linalg.eigh(design.T @ (weights[:, None] * design) / weights.sum())
-        known = directions[:, sizes > MATCHING.least_information]
+        known = directions[:, sizes > LEAST_INFORMATION]
         gradient = known.T @ design.T @ (weights * away_m) / weights.sum()
-        change = -known @ (gradient / sizes[sizes > MATCHING.least_information])
-        change[:3] /= MATCHING.arm_m
+        change = -known @ (gradient / sizes[sizes > LEAST_INFORMATION])
+        change[:3] /= ARM_M
         turned = Rotation.from_rotvec(change[:3])
         turn, path_m = twist_between(
             Rotation.identity(1), np.zeros((1, 3)), turned * rotation, turned.apply(advance_m) + change[3:]
         )
         twist = np.concatenate([turn[0], path_m[0]]) / seconds
-    near = np.abs(away_m) < MATCHING.soft_m
-    scaled = known * np.repeat([MATCHING.arm_m, 1.0], 3)[:, None]
-    information = scaled * sizes[sizes > MATCHING.least_information] @ scaled.T
+    near = np.abs(away_m) < SOFT_M
+    scaled = known * np.repeat([ARM_M, 1.0], 3)[:, None]
+    information = scaled * sizes[sizes > LEAST_INFORMATION] @ scaled.T
     return twist, information, float(near.sum() / len(placed))
 
 

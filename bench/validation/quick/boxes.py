@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.plain_text import listed
+from bench.plain_text import counted, listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.recordings.validation import keys_twice
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED
@@ -69,7 +69,7 @@ def check_annotated(recording: Recording) -> Iterator[Finding]:
     images = [image for images in recording.images.values() for image in images]
     annotated, objects = recording.annotated, [track for track in recording.tracks if track.states]
     if annotated == NOT_ANNOTATED and objects:
-        yield new_finding("annotated: not", f"{len(objects)} objects, which nothing uses", field="annotated")
+        yield new_finding("annotated: not", f"{counted(len(objects), 'object')}, which nothing uses", field="annotated")
     if annotated == NOT_ANNOTATED or any(image.moving_path is not None for image in images):
         return
     if not objects:
@@ -92,8 +92,6 @@ NEAR_M = 25.0
 OFF_ROAD_M = 0.5
 LEAST_BOXES = 3
 SAME_PLACE = 0.5  # intersection over union of two footprints
-MOST_AT_ONCE = 500  # objects at one time whose footprints are compared: of some that all touch, 20 MB
-MOST_PAIRS = 200_000  # of footprints that touch, in a recording; five seconds
 MOST_PAIRS_LISTED = 100  # pairs of objects, each for itself
 INSIDE_EGO_M = 0.3
 
@@ -138,7 +136,7 @@ def _sizes(track: Track, limits: BodyLimits) -> Iterator[Finding]:
         if off.any():
             worst = values[off][np.argmax(np.maximum(low / values[off], values[off] / high))]
             span = f"{low} to {high} m for a {track.object_class}"
-            yield new_finding("box-size", f"{worst:.2f} m", field=f"{field}: {side}", span=span, at=off, at_ns=times_ns)
+            yield new_finding("box-size", f"{worst:.2f} m", field=f"{field}: {side}", span=span, at_ns=times_ns[off])
     rigid = sizes_m[[isinstance(state.shape, Cuboid) for state, _ in boxed]]
     if track.object_class == "vehicle" and len(rigid) > 1:
         spread = rigid.max(axis=0) / rigid.min(axis=0)
@@ -156,7 +154,7 @@ def _tilt(track: Track) -> Iterator[Finding]:
     if tilted.any():
         severity = Severity.ERROR if tilt_rad.max() > TILTED_RAD else Severity.WARNING
         got = f"one tilted by up to {np.degrees(tilt_rad.max()):.0f} degrees"
-        yield new_finding("box-tilt", got, field=object_field(track), severity=severity, at=tilted, at_ns=times_ns)
+        yield new_finding("box-tilt", got, field=object_field(track), severity=severity, at_ns=times_ns[tilted])
 
 
 def _above_road(recording: Recording) -> Iterator[Finding]:
@@ -176,7 +174,7 @@ def _above_road(recording: Recording) -> Iterator[Finding]:
         side = "above" if off_m > 0 else "below"
         yield new_finding(
             "box-height",
-            f"their undersides {abs(off_m):.2f} m {side} it, median of {len(every)} objects",
+            f"their undersides {abs(off_m):.2f} m {side} it, median of {counted(len(every), 'object')}",
             field="cuboid, z",
             severity=Severity.ERROR if len(every) >= LEAST_BOXES else Severity.WARNING,
             times=len(every),
@@ -192,41 +190,28 @@ def _same_place(recording: Recording) -> Iterator[Finding]:
         for state, box in boxes_of(track):
             at[state.timestamp_ns].append((track, _footprint(box)))
     overlapping: dict[tuple[str, str], list[int]] = defaultdict(list)
-    compared = 0
     for time_ns, present in sorted(at.items()):
-        pairs, overlap = _touching(present[:MOST_AT_ONCE])
-        for i, j in pairs[overlap]:
-            overlapping[present[i][0].track_id, present[j][0].track_id].append(time_ns)
-        compared += len(pairs)
-        if len(present) > MOST_AT_ONCE or compared > MOST_PAIRS:
-            yield new_finding(
-                "crowded-boxes: touching",
-                "more; later ones were not compared",
-                field="cuboid",
-                timestamp_ns=time_ns,
-                most=MOST_AT_ONCE,
-                pairs=MOST_PAIRS,
-            )
-            break
+        for names in _at_one_place(present):
+            overlapping[names].append(time_ns)
     often = sorted(overlapping.items(), key=lambda pair: -len(pair[1]))
     for (one, other), times_ns in often[:MOST_PAIRS_LISTED]:
-        got, field = f"boxes that overlap by more than half at {len(times_ns)} times", f"objects {one!r} and {other!r}"
-        yield new_finding("same-object", got, field=field, times=len(times_ns), timestamp_ns=times_ns[0])
+        got = f"boxes that overlap by more than half at {counted(len(times_ns), 'time')}"
+        yield new_finding("same-object", got, field=f"objects {one!r} and {other!r}", at_ns=times_ns)
     if rest := often[MOST_PAIRS_LISTED:]:
         got = f"boxes that overlap by more than half in {len(rest)} more pairs of objects"
         yield new_finding("same-object", got, field="objects", times=len(rest))
 
 
-def _touching(present: Sequence[tuple[Track, shapely.Polygon]]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Pairs of objects of one class that touch, (N, 2) indices, and whether they overlap by more than half, (N,)."""
-    footprints = np.array([footprint for _, footprint in present])
-    classes = np.array([track.object_class for track, _ in present])
-    names = np.array([track.track_id for track, _ in present])
+def _at_one_place(present: Sequence[tuple[Track, shapely.Polygon]]) -> list[tuple[str, str]]:
+    """Names of each two objects of one class whose footprints overlap by more than half."""
+    tracks, footprints = zip(*present, strict=True)
+    classes, names = (np.array([getattr(track, key) for track in tracks]) for key in ("object_class", "track_id"))
     i, j = shapely.STRtree(footprints).query(footprints, predicate="intersects")
-    pairs = np.column_stack([i, j])[(i < j) & (classes[i] == classes[j]) & (names[i] != names[j])]
-    one, other = footprints[pairs.T]
+    i, j = np.column_stack([i, j])[(i < j) & (classes[i] == classes[j]) & (names[i] != names[j])].T
+    one, other = np.array(footprints)[[i, j]]
     common = shapely.area(shapely.intersection(one, other))
-    return pairs, np.asarray(common > SAME_PLACE * (shapely.area(one) + shapely.area(other) - common))
+    same = common > SAME_PLACE * (shapely.area(one) + shapely.area(other) - common)
+    return list(zip(names[i[same]].tolist(), names[j[same]].tolist(), strict=True))
 
 
 def _in_ego_vehicle(recording: Recording) -> Iterator[Finding]:
@@ -238,8 +223,8 @@ def _in_ego_vehicle(recording: Recording) -> Iterator[Finding]:
             if ego.contains(shapely.Point(box.vehicle_from_object.translation_m[:2]))
         ]
         if inside:
-            got, times = f"its centre in the ego vehicle at {len(inside)} times", len(inside)
-            yield new_finding("object-in-ego", got, field=object_field(track), times=times, timestamp_ns=inside[0])
+            got = f"its centre in the ego vehicle at {counted(len(inside), 'time')}"
+            yield new_finding("object-in-ego", got, field=object_field(track), at_ns=inside)
 
 
 def _footprint(box: Cuboid) -> shapely.Polygon:

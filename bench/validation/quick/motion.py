@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.egomotion import Trajectory
 from bench.geometry import twist_between
-from bench.plain_text import listed
+from bench.plain_text import counted, listed
 from bench.recordings import Cuboid, Recording, Track
 from bench.times import SECOND_NS
 from bench.validation.findings import Finding, Severity, annotated_times, boxes_of, new_finding, object_field
@@ -50,7 +50,7 @@ def check_ego_limits(recording: Recording) -> Iterator[Finding]:
     ):
         if (beyond := values > limit).any():
             got = f"up to {values.max():.3g} {unit}"
-            yield new_finding(kind, got, field=field, limit=limit, at=beyond, at_ns=times_ns[before])
+            yield new_finding(kind, got, field=field, limit=limit, at_ns=times_ns[before][beyond])
             return  # consequences of a wrong unit are not reported again
     yield from _ego_jumps(path)
 
@@ -67,7 +67,7 @@ def _ego_jumps(path: Trajectory) -> Iterator[Finding]:
     jumps = (change_mps / span_s > EGO_JUMP_MPS2) & (away_m > 0.3)
     if jumps.any():
         got = f"{int(jumps.sum())} places where it leaves its line, by up to {away_m[jumps].max():.2f} m"
-        yield new_finding("ego-jump", got, field="position", at=jumps, at_ns=path.timestamps_ns[1:-1])
+        yield new_finding("ego-jump", got, field="position", at_ns=path.timestamps_ns[1:-1][jumps])
 
 
 LONGEST_STEP_S = 1.0
@@ -213,8 +213,8 @@ def _names_that_change(paths: Sequence[TrackPath]) -> Iterator[Finding]:
                 changes["object-name: exchanged", one, other].append(time_ns)
     for (kind, one, other), times_ns in sorted(changes.items()):
         what = "one ends where the other goes on" if kind == "object-name" else "each goes on as the other"
-        got, field = f"{what} at {len(times_ns)} times", f"objects {one!r} and {other!r}"
-        yield new_finding(kind, got, field=field, times=len(times_ns), timestamp_ns=times_ns[0])
+        got, field = f"{what} at {counted(len(times_ns), 'time')}", f"objects {one!r} and {other!r}"
+        yield new_finding(kind, got, field=field, at_ns=times_ns)
 
 
 def _alike(before: Sighting, now: Sighting) -> bool:
@@ -254,13 +254,13 @@ def _labels_that_come_and_go(recording: Recording) -> Iterator[Finding]:
         longest_ms = np.diff(times_ns)[gaps].max() / 1e6
         got = f"none for up to {longest_ms:.1f} ms, {int(gaps.sum())} times, between labels of one object"
         usual_ms = usual_ns / 1e6
-        yield new_finding("label-gaps", got, field="frames", usual_ms=usual_ms, at=gaps, at_ns=times_ns[1:])
+        yield new_finding("label-gaps", got, field="frames", usual_ms=usual_ms, at_ns=times_ns[1:][gaps])
     for track, row in zip(recording.tracks, rows, strict=True):
         missing = np.diff(row) - 1
         flickers = (missing > 0) & (missing <= FLICKER_STEPS)
         if flickers.sum() >= FLICKERS:
-            got, at_ns = f"none for one or two times, {int(flickers.sum())} times", times_ns[row[1:]]
-            yield new_finding("label-gaps: flicker", got, field=object_field(track), at=flickers, at_ns=at_ns)
+            got, at_ns = f"none for one or two times, {int(flickers.sum())} times", times_ns[row[1:]][flickers]
+            yield new_finding("label-gaps: flicker", got, field=object_field(track), at_ns=at_ns)
 
 
 def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:
@@ -276,8 +276,8 @@ def _jumps(path: TrackPath, field: str) -> Iterator[Finding]:
     allowed_m = JUMP_M + HARD_MPS2 * seconds**2 + JUMP_SHARE_OF_RANGE * range_m
     jumps = (off_m > allowed_m) & (seconds <= LONGEST_STEP_S)
     if jumps.any():
-        got = f"{int(jumps.sum())} steps off their line by up to {off_m[jumps].max():.1f} m"
-        yield new_finding("object-jump", got, field=field, at=jumps, at_ns=path.times_ns[1:])
+        got = f"{counted(int(jumps.sum()), 'step')} off the line by up to {off_m[jumps].max():.1f} m"
+        yield new_finding("object-jump", got, field=field, at_ns=path.times_ns[1:][jumps])
 
 
 def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Finding]:
@@ -287,13 +287,11 @@ def _too_fast(path: TrackPath, limits: BodyLimits, field: str) -> Iterator[Findi
     fastest = max(mean_mps, float(np.nanmedian(stated)) if np.isfinite(stated).any() else 0.0)
     if fastest > limits.top_speed_mps:
         got = f"{fastest:.1f} m/s {'along its positions' if fastest == mean_mps else 'as stated'}"
-        first_ns = int(path.times_ns[0])
-        yield new_finding("object-speed", got, field=field, timestamp_ns=first_ns, limit=limits.top_speed_mps)
+        yield new_finding("object-speed", got, field=field, at_ns=path.times_ns[:1], limit=limits.top_speed_mps)
     turns = np.abs(path.stated_turn_radps)
     if turns.max() > limits.top_turn_radps:
-        field, time_ns = f"{field}: yaw_rate_radps", int(path.times_ns[np.argmax(turns)])
-        got, limit = f"{turns.max():.3g}", limits.top_turn_radps
-        yield new_finding("object-turn", got, field=field, timestamp_ns=time_ns, limit=limit)
+        got, field, at_ns = f"{turns.max():.3g}", f"{field}: yaw_rate_radps", [path.times_ns[np.argmax(turns)]]
+        yield new_finding("object-turn", got, field=field, at_ns=at_ns, limit=limits.top_turn_radps)
 
 
 def _ego_speeds(recording: Recording) -> dict[str, float]:
@@ -390,7 +388,7 @@ def _velocities(paths: Sequence[TrackPath], recording: Recording) -> Iterator[Fi
         objects = wrong[fits[best]] if fits[best].any() else wrong
         equal = [name for name in readings if fits.loc[objects.index, name].all() and objects[name].max() < OFF_MPS]
         others = [reading for reading in equal if reading != best]
-        got = f"{len(objects)} objects off by up to {objects[AS_STATED].max():.1f} m/s"
+        got = f"{counted(len(objects), 'object')} off by up to {objects[AS_STATED].max():.1f} m/s"
         if best in EGO_SPEEDS and fits[best].any():
             yield _wrong_ego_speed(best, f"{got}, {objects[best].max():.1f} m/s", recording, len(objects), others)
         else:

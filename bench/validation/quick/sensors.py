@@ -140,8 +140,7 @@ def check_images(recording: Recording, camera: str, rows: list[int], progress: C
                 f"{WRONG[kind]}, {len(of_kind)} of those read",
                 file=of_kind[0].path,
                 field=field,
-                times=len(of_kind),
-                timestamp_ns=of_kind[0].timestamp_ns,
+                at_ns=[image.timestamp_ns for image in of_kind],
             )
 
 
@@ -253,160 +252,143 @@ LONGEST_SWEEPS = 2.5  # of the interval: revolutions overlap, but not that much
 MICRO = 1e-3
 
 
-class SweepChecks:
-    """Takes sweeps one by one, and gives the findings about all of them at the end.
+Faults = dict[str, list[tuple[int, str, str]]]  # by kind of finding: time, file, and what was found
+
+
+def check_sweeps(
+    recording: Recording, rows: list[int], look: Callable[[LidarSweep], object], progress: Callable[[], None]
+) -> Iterator[Finding | Content]:
+    """Read sweeps; what their points hold comes last.
 
     Args:
         recording: the drive.
+        rows: indices of the sweeps to read, increasing; neighbours are compared.
         look: called with each sweep whose points are where a lidar can see them.
+        progress: called after every sweep.
     """
+    counts, faults, roads, digests = dict[int, int](), Faults(), list[SeenRoad](), set[bytes]()
+    read, unread, lost = dict.fromkeys("xyz"), dict[str, None](), 0
+    for row in rows:
+        reference = recording.sweeps[row]
+        try:
+            sweep = reference.read()
+        except DataError as error:
+            yield unusable(error, check="sweep", timestamp_ns=reference.timestamp_ns)
+        else:
+            counts[row] = len(sweep.points_lidar)
+            read, unread = read | dict.fromkeys(sweep.read_fields), unread | dict.fromkeys(sweep.unread_fields)
+            lost += sweep.rows_stored - counts[row]
+            found = dict(_faults_of_points(sweep, counts.get(row - 1, 0), digests)) if counts[row] else {}
+            if counts[row] and "sweep-range" not in found:
+                found |= dict(_faults_of_times(sweep, recording))
+                road = seen_road(recording.vehicle_from_lidar.apply(sweep.points_lidar.astype(np.float64)))
+                roads += [] if road is None else [road]
+                look(sweep)
+            for kind, got in found.items():
+                faults.setdefault(kind, []).append((sweep.timestamp_ns, str(reference.path), got))
+        progress()
+    yield from _sweep_findings(_counted(counts, recording) | faults, counts, unread)
+    yield from _road(roads, recording)
+    if counts:
+        yield Content(what=f"fields of points: {', '.join(read)}", read_as="points")
+    if unread:
+        yield Content(what=f"fields of points: {', '.join(unread)}", why="nothing is made of them")
+    if lost:
+        yield Content(what="returns without a position", count=lost, why="left out")
 
-    def __init__(self, recording: Recording, look: Callable[[LidarSweep], object]) -> None:
-        self._recording, self._look = recording, look
-        self._counts: list[tuple[int, int, str]] = []  # time, points and file of each sweep
-        self._roads: list[SeenRoad] = []
-        self._faults: dict[str, list[tuple[int, str, str]]] = {}  # by kind: time, file, and what was found
-        self._before: tuple[int, int] | None = None  # row and points of the sweep before
-        self._digests: set[bytes] = set()
-        self._read: dict[str, None] = {}
-        self._unread: dict[str, None] = {}
-        self._lost = 0
-        steps_ns = np.diff(sweep_times(recording))
-        self._interval_ns = float(np.median(steps_ns)) if len(steps_ns) else None
 
-    def check(self, rows: list[int], progress: Callable[[], None]) -> Iterator[Finding]:
-        """Read the sweeps of these indices.
+def _faults_of_points(sweep: LidarSweep, count_before: int, digests: set[bytes]) -> Iterator[tuple[str, str]]:
+    """Kinds of finding, and what was found.
 
-        Args:
-            rows: increasing; neighbours are compared.
-            progress: called after every sweep.
-        """
-        for row in rows:
-            reference = self._recording.sweeps[row]
-            try:
-                sweep = reference.read()
-            except DataError as error:
-                yield unusable(error, check="sweep", timestamp_ns=reference.timestamp_ns)
-            else:
-                self._counts.append((sweep.timestamp_ns, len(sweep.points_lidar), str(reference.path)))
-                self._read |= dict.fromkeys(sweep.read_fields)
-                self._unread |= dict.fromkeys(sweep.unread_fields)
-                self._lost += sweep.rows_stored - len(sweep.points_lidar)
-                for kind, got in self._faults_of(sweep, row):
-                    self._faults.setdefault(kind, []).append((sweep.timestamp_ns, str(reference.path), got))
-            progress()
-        yield from self._findings()
-        yield from self._road()
+    Args:
+        sweep: with points.
+        count_before: points of the sweep before it; 0 where it was not read.
+        digests: of the points of earlier sweeps; that of this one is added.
+    """
+    points = sweep.points_lidar
+    away_m = np.linalg.norm(points, axis=1)
+    digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
+    if digest in digests:
+        yield "same-sweep", "the points of an earlier sweep, to the last digit"
+    elif count_before and FEW < min(len(points) / count_before, count_before / len(points)) < UNEVEN:
+        yield "uneven-sweeps", f"{len(points)} points after {count_before} in the sweep before it"
+    digests.add(digest)
+    at_origin = away_m < ORIGIN_M
+    twice = float(pd.DataFrame(points[~at_origin]).duplicated().mean())
+    if twice > MOST_TWICE:
+        yield "points-twice", f"{100 * twice:.0f} % of the points a second time"
+    if at_origin.mean() > MOST_AT_ORIGIN:
+        yield "lost-returns", f"{100 * at_origin.mean():.0f} % of the points at the lidar itself"
+    if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
+        yield "sweep-range", f"points at a median distance of {np.median(away_m):.3g} m"
 
-    def contents(self) -> Iterator[Content]:
-        """Fields of the points, read and not read, in the sweeps that were looked at."""
-        if self._counts:
-            yield Content(what=f"fields of points: {', '.join(('x, y, z', *self._read))}", read_as="points")
-        if self._unread:
-            yield Content(what=f"fields of points: {', '.join(self._unread)}", why="nothing is made of them")
-        if self._lost:
-            yield Content(what="returns without a position", count=self._lost, why="left out")
 
-    def _faults_of(self, sweep: LidarSweep, row: int) -> Iterator[tuple[str, str]]:
-        """Kinds of finding, and what was found."""
-        points = sweep.points_lidar
-        if not len(points):
-            return
-        away_m = np.linalg.norm(points, axis=1)
-        digest = blake2b(np.ascontiguousarray(points).tobytes(), digest_size=16).digest()
-        if digest in self._digests:
-            yield "same-sweep", "the points of an earlier sweep, to the last digit"
-        elif self._before is not None and self._before[0] == row - 1:
-            count = self._before[1]
-            if FEW < min(len(points) / count, count / len(points)) < UNEVEN:
-                yield "uneven-sweeps", f"{len(points)} points after {count} in the sweep before it"
-        self._digests.add(digest)
-        self._before = row, len(points)
-        at_origin = away_m < ORIGIN_M
-        twice = float(pd.DataFrame(points[~at_origin]).duplicated().mean())
-        if twice > MOST_TWICE:
-            yield "points-twice", f"{100 * twice:.0f} % of the points a second time"
-        if at_origin.mean() > MOST_AT_ORIGIN:
-            yield "lost-returns", f"{100 * at_origin.mean():.0f} % of the points at the lidar itself"
-        if (away_m > LIDAR_REACH_M).mean() > MOST_BEYOND or float(away_m.max()) < SMALL_M:
-            yield "sweep-range", f"points at a median distance of {np.median(away_m):.3g} m"
-            return
-        yield from self._faults_of_times(sweep)
-        road = seen_road(self._recording.vehicle_from_lidar.apply(points.astype(np.float64)))
-        self._roads += [] if road is None else [road]
-        self._look(sweep)
+def _faults_of_times(sweep: LidarSweep, recording: Recording) -> Iterator[tuple[str, str]]:
+    offsets_ns, steps_ns = sweep.time_offset_ns, np.diff(sweep_times(recording))
+    if offsets_ns is None:
+        yield "point-times-missing", "none"
+    if offsets_ns is None or not len(steps_ns) or len(offsets_ns) < 2:
+        return
+    interval_ns = float(np.median(steps_ns))
+    span_ns = int(offsets_ns.max()) - int(offsets_ns.min())
+    away_ns = max(int(offsets_ns.min()), -int(offsets_ns.max()), 0)
+    if span_ns > LONGEST_SWEEPS * interval_ns:
+        yield "point-times", f"points over {span_ns / 1e6:.1f} ms"
+    elif 0 < span_ns < 2 * MICRO * interval_ns:
+        yield "point-times", f"points over {span_ns} ns, as microseconds would be"
+    elif away_ns > interval_ns:
+        yield "point-times", f"points {away_ns / 1e6:.1f} ms away from it"
+    elif span_ns and _are_mixed(sweep.points_lidar - recording.lidar_from_sensor.translation_m, offsets_ns):
+        yield "mixed-times", "times that have nothing to do with the direction"
 
-    def _faults_of_times(self, sweep: LidarSweep) -> Iterator[tuple[str, str]]:
-        offsets_ns = sweep.time_offset_ns
-        if offsets_ns is None:
-            yield "point-times-missing", "none"
-        if offsets_ns is None or self._interval_ns is None or len(offsets_ns) < 2:
-            return
-        span_ns = int(offsets_ns.max()) - int(offsets_ns.min())
-        away_ns = max(int(offsets_ns.min()), -int(offsets_ns.max()), 0)
-        if span_ns > LONGEST_SWEEPS * self._interval_ns:
-            yield "point-times", f"points over {span_ns / 1e6:.1f} ms"
-        elif 0 < span_ns < 2 * MICRO * self._interval_ns:
-            yield "point-times", f"points over {span_ns} ns, as microseconds would be"
-        elif away_ns > self._interval_ns:
-            yield "point-times", f"points {away_ns / 1e6:.1f} ms away from it"
-        elif span_ns and self._times_are_mixed(sweep.points_lidar, offsets_ns):
-            yield "mixed-times", "times that have nothing to do with the direction"
 
-    def _times_are_mixed(self, points_lidar: NDArray[np.floating], offsets_ns: NDArray[np.int64]) -> bool:
-        """Whether points all around have times that differ within a degree of azimuth as they do in the whole sweep."""
-        points = points_lidar - self._recording.lidar_from_sensor.translation_m
-        azimuth_rad = np.arctan2(points[:, 1], points[:, 0])
-        cell = np.floor((azimuth_rad / (2 * np.pi) + 0.5) * TURN_CELLS).astype(np.int64)
-        offsets = pd.Series(offsets_ns, dtype=np.float64).groupby(cell)
-        spreads = offsets.quantile(0.75) - offsets.quantile(0.25)
-        if len(spreads) < TURN_SEEN * TURN_CELLS:
-            return False
-        return float(spreads.median()) > 2 * MIXED * float(np.ptp(offsets_ns))
+def _are_mixed(points_sensor: NDArray[np.floating], offsets_ns: NDArray[np.int64]) -> bool:
+    """Whether points all around have times that differ within a degree of azimuth as they do in the whole sweep."""
+    azimuth_rad = np.arctan2(points_sensor[:, 1], points_sensor[:, 0])
+    cell = np.floor((azimuth_rad / (2 * np.pi) + 0.5) * TURN_CELLS).astype(np.int64)
+    offsets = pd.Series(offsets_ns, dtype=np.float64).groupby(cell)
+    spreads = offsets.quantile(0.75) - offsets.quantile(0.25)
+    all_around = len(spreads) >= TURN_SEEN * TURN_CELLS
+    return all_around and float(spreads.median()) > 2 * MIXED * float(np.ptp(offsets_ns))
 
-    def _findings(self) -> Iterator[Finding]:
-        middle = float(np.median([count for _, count, _ in self._counts])) if self._counts else 0.0
-        empty = [(time_ns, file, "none") for time_ns, count, file in self._counts if count == 0]
-        few = [(time_ns, file, str(count)) for time_ns, count, file in self._counts if 0 < count < FEW * middle]
-        unread = f"; fields that are not read: {', '.join(self._unread)}" if self._unread else ""
-        for kind, faults in {"empty-sweep": empty, "thin-sweep": few, **self._faults}.items():
-            if faults:
-                time_ns, file, got = faults[0]
-                finding = new_finding(
-                    kind,
-                    got,
-                    file=file,
-                    times=len(faults),
-                    timestamp_ns=time_ns,
-                    middle=middle,
-                    share=100 * UNEVEN,
-                    reach_m=LIDAR_REACH_M,
-                )
-                yield replace(finding, hint=finding.hint + unread) if kind == "point-times-missing" else finding
 
-    def _road(self) -> Iterator[Finding]:
-        if len(self._roads) < LEAST_ROADS:
-            return
-        heights_m, tilts_rad, lanes_m = (
-            np.array([getattr(road, name) for road in self._roads])
-            for name in ("height_m", "tilt_rad", "lane_height_m")
-        )
-        lanes_m = lanes_m[~np.isnan(lanes_m)]
-        stated_m, file = self._recording.ground_m, calibration_file(self._recording)
-        field = "lidar.vehicle_from_lidar"
-        if abs(np.median(heights_m) - stated_m) > ROAD_OFF_M:
-            got = f"{np.median(heights_m):+.2f} m, median of {len(heights_m)} sweeps"
-            place = f"{field} or the road's height"
-            yield new_finding("road-height", got, file=file, field=place, times=len(heights_m), stated_m=stated_m)
-        elif len(lanes_m) >= LEAST_ROADS and abs(np.median(lanes_m) - stated_m) > LANE_OFF_M:
-            yield new_finding(
-                "road-height: lane",
-                f"{np.median(lanes_m):+.2f} m in the vehicle's lane, median of {len(lanes_m)} sweeps",
-                file=file,
-                field="the road's height, ground_height_m",
-                times=len(lanes_m),
-                stated_m=stated_m,
-            )
-        if np.median(tilts_rad) > ROAD_TILT_RAD:
-            got = f"one tilted by {np.degrees(np.median(tilts_rad)):.1f} degrees, median of {len(tilts_rad)} sweeps"
-            yield new_finding("road-tilt", got, file=file, field=field, times=len(tilts_rad))
+def _counted(counts: dict[int, int], recording: Recording) -> Faults:
+    """Sweeps without points, and with far fewer than the others."""
+    middle = float(np.median([*counts.values()])) if counts else 0.0
+    faults: Faults = {"empty-sweep": [], "thin-sweep": []}
+    for row, count in counts.items():
+        if count < max(FEW * middle, 1):
+            kind, got = ("thin-sweep", str(count)) if count else ("empty-sweep", "none")
+            faults[kind].append((recording.sweeps[row].timestamp_ns, str(recording.sweeps[row].path), got))
+    return faults
+
+
+def _sweep_findings(faults: Faults, counts: dict[int, int], unread: dict[str, None]) -> Iterator[Finding]:
+    more = f"; fields that are not read: {', '.join(unread)}" if unread else ""
+    for kind, sweeps in faults.items():
+        if sweeps:
+            _, file, got = sweeps[0]
+            values = {"middle": np.median([*counts.values()]), "share": 100 * UNEVEN, "reach_m": LIDAR_REACH_M}
+            finding = new_finding(kind, got, file=file, at_ns=[time_ns for time_ns, _, _ in sweeps], **values)
+            yield replace(finding, hint=finding.hint + more) if kind == "point-times-missing" else finding
+
+
+def _road(roads: list[SeenRoad], recording: Recording) -> Iterator[Finding]:
+    if len(roads) < LEAST_ROADS:
+        return
+    heights_m, tilts_rad, lanes_m = (
+        np.array([getattr(road, name) for road in roads]) for name in ("height_m", "tilt_rad", "lane_height_m")
+    )
+    lanes_m = lanes_m[~np.isnan(lanes_m)]
+    stated_m, file, field = recording.ground_m, calibration_file(recording), "lidar.vehicle_from_lidar"
+    if abs(np.median(heights_m) - stated_m) > ROAD_OFF_M:
+        got = f"{np.median(heights_m):+.2f} m, median of {len(heights_m)} sweeps"
+        place = f"{field} or the road's height"
+        yield new_finding("road-height", got, file=file, field=place, times=len(heights_m), stated_m=stated_m)
+    elif len(lanes_m) >= LEAST_ROADS and abs(np.median(lanes_m) - stated_m) > LANE_OFF_M:
+        got = f"{np.median(lanes_m):+.2f} m in the vehicle's lane, median of {len(lanes_m)} sweeps"
+        place = "the road's height, ground_height_m"
+        yield new_finding("road-height: lane", got, file=file, field=place, times=len(lanes_m), stated_m=stated_m)
+    if np.median(tilts_rad) > ROAD_TILT_RAD:
+        got = f"one tilted by {np.degrees(np.median(tilts_rad)):.1f} degrees, median of {len(tilts_rad)} sweeps"
+        yield new_finding("road-tilt", got, file=file, field=field, times=len(tilts_rad))

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.plain_text import counted
 from bench.recordings import ImageRef, Recording, SweepRef
 from bench.times import other_unit
 from bench.validation.findings import (
@@ -87,9 +88,9 @@ def _gaps(kind: str, seen: Sequence[ImageRef | SweepRef], interval_ns: float, fi
     steps_ns = np.diff(times_ns)
     gaps = steps_ns > NEAR_INTERVALS * interval_ns
     if 0 < gaps.sum() <= len(steps_ns) / 2:  # with more it is the stated interval that is wrong
-        got = f"{int(gaps.sum())} gaps, the longest {steps_ns[gaps].max() / 1e6:.1f} ms"
+        got = f"{counted(int(gaps.sum()), 'gap')}, the longest {steps_ns[gaps].max() / 1e6:.1f} ms"
         file, interval_ms = seen[int(np.argmax(gaps)) + 1].path, interval_ns / 1e6
-        yield new_finding(kind, got, file=file, field=field, interval_ms=interval_ms, at=gaps, at_ns=times_ns[1:])
+        yield new_finding(kind, got, file=file, field=field, interval_ms=interval_ms, at_ns=times_ns[1:][gaps])
 
 
 def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
@@ -101,7 +102,7 @@ def _jitter(times_ns: NDArray[np.int64], what: str) -> Iterator[Finding]:
     if unsteady.mean() > MOST_JITTERY:
         got = f"{int(unsteady.sum())} of {len(steps_ns)} more than a quarter off"
         middle_ms = middle_ns / 1e6
-        yield new_finding("irregular-times", got, field=what, middle_ms=middle_ms, at=unsteady, at_ns=times_ns[1:])
+        yield new_finding("irregular-times", got, field=what, middle_ms=middle_ms, at_ns=times_ns[1:][unsteady])
 
 
 def _whole(steps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -126,7 +127,7 @@ def _drift(recording: Recording) -> Iterator[Finding]:
                 "clock-drift" if abs(rate) <= CRYSTAL_RATE else "clock-drift: free-running",
                 f"{1e6 * rate:+.0f} ppm more, {apart_ns / 1e6:.1f} ms over the recording",
                 field=f"{one} and {other}",
-                timestamp_ns=int(first_ns),
+                at_ns=[first_ns],
                 ratio=f"{simple.denominator} to {simple.numerator}",
             )
 
@@ -153,14 +154,14 @@ def check_coverage(recording: Recording) -> Iterator[Finding]:
         if not valid.all():
             first_ns, last_ns = (int(path.timestamps_ns[i]) for i in (0, -1))
             got = f"none at {int((~valid).sum())} of {len(times_ns)}; it runs from {first_ns} to {last_ns}"
-            yield new_finding("ego-motion-missing", got, file=path.source, field=what, at=~valid, at_ns=times_ns)
+            yield new_finding("ego-motion-missing", got, file=path.source, field=what, at_ns=times_ns[~valid])
         if not len(sweeps_ns):
             continue
         alone = distance_to(times_ns, sweeps_ns) > NEAR_SWEEP_NS
         if alone.any():
             kind = "sensor-overlap" if alone.all() else "sensor-overlap: partly"
             got = f"none for {int(alone.sum())} of {len(times_ns)} images"
-            yield new_finding(kind, got, field=what, at=alone, at_ns=times_ns)
+            yield new_finding(kind, got, field=what, at_ns=times_ns[alone])
 
 
 def check_annotation_times(recording: Recording) -> Iterator[Finding]:
@@ -187,8 +188,7 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
                 hint=_apart(annotated_ns[~outside], sweeps_ns) if at is unseen else None,
                 first_ns=sensors_ns[0],
                 last_ns=sensors_ns[-1],
-                at=at,
-                at_ns=annotated_ns,
+                at_ns=annotated_ns[at],
             )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory
+from bench.egomotion import Trajectory, planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep, write_sweep
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
@@ -34,13 +34,9 @@ POINTS = 40  # on each object
 GROUND = 60
 
 
-def about_axes(x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotations about each axis alone."""
-    return (
-        np.array([[1, 0, 0], [0, np.cos(x), -np.sin(x)], [0, np.sin(x), np.cos(x)]]),
-        np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]]),
-        np.array([[np.cos(z), -np.sin(z), 0], [np.sin(z), np.cos(z), 0], [0, 0, 1]]),
-    )
+def about_axes(*angles_rad: float) -> list[np.ndarray]:
+    """Rotations about x, y and z alone."""
+    return [Rotation.from_euler(axis, angle).as_matrix() for axis, angle in zip("xyz", angles_rad, strict=True)]
 
 
 def box_tracks(*names: str) -> tuple[Track, ...]:
@@ -55,13 +51,8 @@ def seconds(time_ns: float) -> float:
 @cache
 def trajectory() -> Trajectory:
     times_ns = FIRST_NS + np.arange(-20, 80, dtype=np.int64) * 10_000_000
-    s = (times_ns - FIRST_NS) / 1e9
-    yaw = EGO_RADPS * s
-    radius = EGO_MPS / EGO_RADPS
-    places = np.column_stack([radius * np.sin(yaw), radius * (1 - np.cos(yaw)), np.zeros_like(s)])
-    return Trajectory(
-        source="poses.csv", timestamps_ns=times_ns, rotations=Rotation.from_euler("z", yaw[:, None]), positions_m=places
-    )
+    speed, turn = np.full(len(times_ns), EGO_MPS), np.full(len(times_ns), EGO_RADPS)
+    return planar_trajectory(source="poses.csv", timestamps_ns=times_ns, speed_mps=speed, yaw_rate_radps=turn)
 
 
 def world_from_object(name: str, time_ns: float) -> RigidTransform:

@@ -29,7 +29,7 @@ def test_names_and_descriptions(name):
 def test_what_is_written_is_read_and_makes_an_annotation_file(name, tmp_path, drive):
     tracks = street.box_tracks()
     lost = written(label_format(name), tracks, drive, tmp_path / "out")
-    assert lost == {"boxes": ["6 yaw rates: no field for them"], "openlabel": []}[name]
+    assert lost == {"boxes": ["yaw rates: no field for them (6)"], "openlabel": []}[name]
     found = import_labels(name, tmp_path / "out", drive, PLAIN)
     assert found.timestamps_ns == street.TIMES_NS
     assert_same_boxes(found.tracks, tracks)

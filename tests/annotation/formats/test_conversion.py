@@ -64,7 +64,7 @@ def test_objects_without_ids_are_followed_class_by_class(handed):
         ("Car-unnamed-2", 6),
         ("Person-unnamed-1", 6),
     }
-    assert "12 places of Car without an id: followed by nearness, 2 objects" in found.lost
+    assert "places of Car without an id: followed by nearness, 2 objects (12)" in found.lost
     walker = next(track for track in found.tracks if track.object_class == "pedestrian")
     for state, true in zip(walker.states, street.box_track("walker").states, strict=True):
         assert state.velocity_mps == pytest.approx(true.velocity_mps, abs=1e-6)
@@ -73,7 +73,10 @@ def test_objects_without_ids_are_followed_class_by_class(handed):
 def test_objects_seen_once_are_reported(handed):
     found = handed(seen("car", sweeps=[3]))
     assert np.isnan(found.tracks[0].states[0].velocity_mps).all()
-    assert any(line.startswith("1 objects are seen once, so that their speed is unknown") for line in found.lost)
+    assert any(
+        line.startswith("objects that are seen once: their speed is unknown") and line.endswith("(1)")
+        for line in found.lost
+    )
 
 
 def test_classes_that_nobody_can_tell_are_unclear_and_those_left_out_are_counted(handed):
@@ -82,7 +85,7 @@ def test_classes_that_nobody_can_tell_are_unclear_and_those_left_out_are_counted
     assert [all(state.unclear for state in track.states) for track in found.tracks] == [True, True]
     found = handed([*seen("car"), *seen("parked", label="Misc")], LabelOptions(classes={"misc": None}))
     assert [track.track_id for track in found.tracks] == ["car"]
-    assert "6 places of class 'Misc', left out as asked" in found.lost
+    assert "places of class 'Misc': left out as asked (6)" in found.lost
 
 
 def test_classes_are_known_in_any_case_and_the_user_goes_first(tmp_path):

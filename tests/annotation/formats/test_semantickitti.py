@@ -61,7 +61,7 @@ def test_label_and_instance_together_are_an_object_and_what_stands_is_none(tmp_p
             assert state.shape.indices.tolist() == street.sweep(i)[1][name].tolist()
             world = drive.trajectory.world_from_vehicle(state.timestamp_ns).rotate(state.velocity_mps)
             assert np.abs(world - speed).max() < within  # the points are drawn at random in the object
-    assert f"{street.POINTS * street.SWEEPS} points of label {CAR}, which does not say moving" in label_set.lost
+    assert f"points of label {CAR}, which does not say moving ({street.POINTS * street.SWEEPS})" in label_set.lost
 
 
 def test_moving_points_without_instance_are_grouped_and_followed(tmp_path, drive):
@@ -100,7 +100,7 @@ def test_points_of_other_labels_are_counted(tmp_path, drive):
     count = street.POINTS * street.SWEEPS
     assert label_set.tracks == ()
     assert label_set.timestamps_ns == street.TIMES_NS
-    lost = {f"{count} points of label {label}, which does not say moving" for label in (0, 300, CAR)}
+    lost = {f"points of label {label}, which does not say moving ({count})" for label in (0, 300, CAR)}
     assert lost <= set(label_set.lost)
 
 

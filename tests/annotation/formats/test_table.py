@@ -107,13 +107,13 @@ def test_what_the_table_cannot_hold_is_told(drive):
     )
     _, lost = BoxTable().write(replace(drive, tracks=tracks))
     assert lost == [
-        "1 ground outlines: no field for them",
-        "1 places that are given by points: no field for them",
-        "6 yaw rates: no field for them",
-        "1 kinds of motion (category): no field for them",
-        "1 marks of unclear objects: no field for them",
-        "1 numbers in truth images (instance_id): no field for them",
-        "1 boxes that lean against the vehicle are written upright",
+        "ground outlines: no field for them (1)",
+        "places that are given by points: no field for them (1)",
+        "yaw rates: no field for them (6)",
+        "kinds of motion (category): no field for them (1)",
+        "marks of unclear objects: no field for them (1)",
+        "numbers in truth images (instance_id): no field for them (1)",
+        "boxes that lean against the vehicle: written upright (1)",
     ]
 
 

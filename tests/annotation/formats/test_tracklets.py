@@ -78,11 +78,11 @@ def test_what_has_no_place_is_told(tmp_path, drive):
     text = document(item(*poses, count=9), item(pose(), kind="Misc"), item(), count=7).replace("<count>1</count>", "")
     label_set = read(put(tmp_path, text), drive, classes={"Misc": None})
     assert {
-        "1 places of class 'Misc', left out as asked",
-        "1 tracklets without poses, left out",
-        "1 poses that are unset or outside, left out",
-        "1 marks of occlusion: no field for them",
-        "2 marks of truncation: no field for them",
+        "places of class 'Misc': left out as asked (1)",
+        "tracklets without poses, left out (1)",
+        "poses that are unset or outside, left out (1)",
+        "marks of occlusion: no field for them (1)",
+        "marks of truncation: no field for them (2)",
         "frames without objects: without frame_list.txt all 6 sweeps count as annotated",
     } <= set(label_set.lost)
     assert [len(track.states) for track in label_set.tracks] == [3]

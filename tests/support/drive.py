@@ -1,24 +1,14 @@
 """A clean recording of a street with boxes for houses and posts, ray cast, small enough to corrupt in a second."""
 
-from contextlib import ExitStack
 from pathlib import Path
-from types import SimpleNamespace
-from unittest.mock import patch
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
-from bench.recordings.native import native_recordings, open_native
-from bench.validation import report, validate_recording
-from bench.validation.fits import box_fit
-from bench.validation.fits.box_fit import BoxFit
-from bench.validation.fits.cameras import check_cameras
-from bench.validation.fits.static_world import check_static_world
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
 
 START_NS = 1_700_000_000_000_000_000
@@ -152,33 +142,6 @@ def quaternion_wxyz(transform: RigidTransform, turn: Rotation) -> list[float]:
     return (Rotation.from_matrix(transform.rotation) * turn).as_quat(canonical=True, scalar_first=True).tolist()
 
 
-STATIC_WORLD = (check_static_world, check_cameras)
-
-
-def found(root, *, deep=False, static_world=False, returns=False):
-    """Findings in the drive; by the static world and by returns in boxes, which take most of the time, where asked."""
-    checks = [check for check in report.CHECKS if static_world or check[0] not in STATIC_WORLD]
-    blind = SimpleNamespace(add=lambda _: None, findings=lambda: ())
-    (handle,) = native_recordings(root, options={}, card=root / "card.yaml", annotations=None)
-    with (
-        patch.object(report, "CHECKS", checks),
-        patch.object(box_fit, "MOST_TRIED", 2),  # in every reading, of the four objects in a sweep
-        ExitStack() as without,
-    ):
-        if not returns:
-            without.enter_context(patch.multiple(report, BoxFit=lambda _: blind, check_unboxed=lambda _: ()))
-        return list(validate_recording(handle, deep=deep).findings)
-
-
-def box_fit_of(root):
-    """What all returns say of the boxes."""
-    recording = open_native(root)
-    looked = BoxFit(recording)
-    for reference in recording.sweeps:
-        looked.add(reference.read())
-    return looked
-
-
 def with_points(points):
     return lambda sweep: as_at_once(sweep.timestamp_ns, points(sweep.points_lidar))
 
@@ -186,12 +149,3 @@ def with_points(points):
 def as_at_once(time_ns, points):
     """A sweep whose points are known to be of one time."""
     return LidarSweep(timestamp_ns=time_ns, points_lidar=points, time_offset_ns=np.zeros(len(points), dtype=np.int64))
-
-
-def planted(mistakes, *, always_run, untold):
-    """Parameters of a test of planted mistakes: those that are told, slow ones but for some."""
-    return [
-        pytest.param(mistake, id=mistake.name, marks=() if mistake.name in always_run else pytest.mark.slow)
-        for mistake in mistakes
-        if mistake.name not in untold
-    ]
