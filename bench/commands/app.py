@@ -71,7 +71,7 @@ def main() -> None:
         app(args=take_verbosity(sys.argv[1:]))
     except Exception as error:  # noqa: BLE001 - the last of all handlers
         message = user_message(error)
-        if message is None or verbosity() is Verbosity.VERBOSE:
+        if message is None or (verbosity() is Verbosity.VERBOSE and error.__cause__ is not None):
             sys.excepthook(*sys.exc_info())
         if message is None:
             sys.exit(EXIT_INTERNAL)

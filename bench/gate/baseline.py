@@ -123,13 +123,14 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
     if baseline.dataset.recordings != run.dataset.recordings:
         return ()
     was, method = baseline.code, baseline.method
-    place = f", the first by {was.text}" if was.text != run.code.text else ""
+    with_code = [f"the benchmark of {was.text}"] if was.text != run.code.text else []
     if not method.is_own and method.name == run.method.name and method.code_digest != run.method.code_digest:
-        place += f", the first with {method.name!r} of commit {short_digest(method.commit or 'unknown')}"
+        with_code.append(f"{method.name!r} of commit {short_digest(method.commit or 'unknown')}")
+    place = f", with {' and '.join(with_code)}" if with_code else ""
     protocol = baseline.protocol.name
     rules = protocol if protocol in known_protocols() else str(folder / "protocol.json")
     words = ["run", run.dataset.card, *method.options(), "--protocol", rules]
     words += ["--split", baseline.dataset.split] if baseline.dataset.split is not None else []
     again = shlex.join(["fisheye-bench", *words, "--out", BASELINE_RUN, "--no-pictures", "--overwrite"])
     compare = shlex.join(["fisheye-bench", "compare", BASELINE_RUN, str(folder)])
-    return f"compare image by image{place}:", f"  {again}", f"  {compare}"
+    return f"to compare image by image, repeat the baseline's run{place}:", f"  {again}", f"  {compare}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -175,8 +176,9 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
     if skipped := not_judged_line(verdict):
         yield Paragraph(skipped)
     if verdict.judged and not verdict.passed:
-        yield Paragraph("If the change is wanted, make this run the baseline:")
-        yield Code("fisheye-bench gate RUN --update")
+        update = ["gate", str(verdict.run_folder), "--baseline", str(verdict.baseline_folder), "--update"]
+        yield Paragraph("If the change is wanted, commit it, give the same `run` again, and make it the baseline:")
+        yield Code(shlex.join(["fisheye-bench", *update]))
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         title = f"{counted(len(others), 'other row')}, those of breakdowns among them"

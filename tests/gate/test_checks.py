@@ -164,17 +164,29 @@ def own(digest, commit=None):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "first"),
+    ("before", "after", "code"),
     [
-        ({}, {}, "compare image by image:"),
-        ({"commit": "c0ffee+"}, {}, "compare image by image, the first by commit c0ffee with changed files:"),
-        ({"commit": None}, {}, "compare image by image, the first by version 0 of an unknown commit:"),
-        (own("1", "feed12"), own("2"), "compare image by image, the first with 'own' of commit feed12:"),
+        ({}, {}, ""),
+        (
+            {"commit": "c0ffee+"},
+            {},
+            ", with the benchmark of commit c0ffee with changed files",
+        ),
+        (
+            {"commit": None},
+            {},
+            ", with the benchmark of version 0 of an unknown commit",
+        ),
+        (
+            own("1", "feed12"),
+            own("2"),
+            ", with 'own' of commit feed12",
+        ),
     ],
 )
-def test_how_to_look_at_a_change_is_told(before, after, first):
+def test_how_to_look_at_a_change_is_told(before, after, code):
     told = how_to_compare(scored({}, **before).manifest, scored({}, **after).manifest, folder=Path("run"))
-    assert told[0] == first
+    assert told[0] == f"to compare image by image, repeat the baseline's run{code}:"
     assert [line.split()[1] for line in told[1:]] == ["run", "compare"]
     assert told[1].endswith("--out reports/runs/baseline --no-pictures --overwrite"), "as often as it is asked for"
     other_data = changed(SAME, data="x" * 64).manifest

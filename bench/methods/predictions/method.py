@@ -112,15 +112,18 @@ def refuse_faults(method: PredictedMotion, index: PredictionIndex) -> None:
         index: of the folder.
 
     Raises:
-        DataError: says how many faults of each kind there are.
+        DataError: says how many faults of each kind there are; or nothing there can be used.
     """
-    if method.missing != "error" or not index.faults:
+    if index.usable and (method.missing != "error" or not index.faults):
         return
     counts = {kind: len(index.of_kind(kind)) for kind in FaultKind}
     expected = f"a prediction of each of {index.expected} images, and nothing else"
     got = ", ".join(f"{count} {kind.value}" for kind, count in counts.items() if count)
-    hint = "fix them, all are listed with -v; or score what is there: --missing skip leaves images without one out, "
-    raise DataError(method.folder, expected=expected, got=got, hint=f"{hint}--missing empty counts them as empty")
+    hint = "fix them, all are listed with -v"
+    if index.usable:
+        hint += "; or score what is there: --missing skip leaves images without one out, "
+        hint += "--missing empty counts them as empty"
+    raise DataError(method.folder, expected=expected, got=got, hint=hint)
 
 
 def write_report(file: Path, card: DatasetCard, method: PredictedMotion, index: PredictionIndex) -> None:
