@@ -28,8 +28,10 @@ from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Tab
 FALSE_POSITIVES = "false_positives"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
 _OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
-COVERAGES = {name: find_metric(name).label for name in ("iou", "tpr_all", "iou_detected", "tpr")}
-ON_TERMINAL = (*COVERAGES, "detection_rate", "detection_rate_50", "ceiling_iou")
+_FIRST = ("iou", "tpr_all", "iou_detected", "tpr")  # then whatever else is defined, beside the detection rates
+_OTHERS = (metric.name for metric in definitions.OF_OBJECTS if metric.name not in {"detection_rate", "chance"})
+COVERAGES = {name: find_metric(name).label for name in dict.fromkeys((*_FIRST, *_OTHERS))}
+ON_TERMINAL = (*_FIRST, "detection_rate", "detection_rate_50", "ceiling_iou")
 CASES_NOTE = "Cases: object-frames; in the last row images, and the share of the image that is wrongly marked."
 BESIDE_NOTE = (
     "TPR and IoU beside the paper's are over the detected object-frames. Below the paper's value the difference in "
