@@ -50,7 +50,10 @@ def test_nothing_is_invented_inside_a_gap():
     assert valid.tolist() == [True, True, False, True]
     for gap_ns, is_bridged in ((500_000_000, True), (500_000_001, False)):
         assert straight([0, gap_ns]).at(np.array([STEP_NS]))[2].item() is is_bridged
-    with pytest.raises(DataError, match=r"poses\.csv: timestamp_ns: expected ego-motion at 100000001"):
+    told = (
+        r"poses\.csv: timestamp_ns: expected ego-motion at 100000001, got poses from 0 to 700000000, gaps over 500 ms"
+    )
+    with pytest.raises(DataError, match=told):
         path.world_from_vehicle(STEP_NS + 1)
 
 

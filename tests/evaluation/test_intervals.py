@@ -70,6 +70,7 @@ def test_recordings_that_agree_below_perfect_leave_open_as_much_to_both_sides() 
     found = interval([3, 6, 1.5, 3, 3, 3], [4, 8, 2, 4, 4, 4])
     assert found == pytest.approx((0.75 * (1 - unseen), 0.75 + 0.25 * unseen))
     assert interval([0] * 6, [4] * 6, within=MEAN) is None
+    assert interval([0] * 6, [4] * 6, within=RATIO_CHANGE) == pytest.approx((-unseen, unseen))
 
 
 @given(PAIRS)
