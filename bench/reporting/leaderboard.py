@@ -17,7 +17,7 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bench.errors import BenchError, DataError
+from bench.errors import BenchError, DataError, UsageError
 from bench.evaluation import Metric, ObjectMetrics, Summary, find_metric, load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
@@ -58,6 +58,7 @@ from bench.reporting.run_tables import SWEEP
 
 STORED = "leaderboard.json"
 ORDERED_BY = "iou"
+MOST_NAMED = 3  # methods that a sentence lists
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
 HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
@@ -274,6 +275,8 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
         try:
             stored = read_run(place, label=name)
             refuse_unscored(stored.summary, place)
+            if not stored.summary.images.evaluated:
+                raise UsageError("no image of it was scored")
             runs.append(stored)
         except BenchError as error:
             not_ranked.append((f"{name}/{place.name}", str(error)))
@@ -538,7 +541,9 @@ def _leader(group: RankedGroup) -> Paragraph:
     few = "" if iou.ci95 else " (too few recordings for an interval)"
     of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
     others = [entry.method for entry in group.methods if entry.behind is False]
-    doubt = f"Not shown to be behind it: {', '.join(others)}." if others else ""
+    doubt = f"Not shown to be behind it: {'; '.join(others)}." if others else ""
+    if len(others) > MOST_NAMED:
+        doubt = f"{len(others)} others are not shown to be behind it; their ranks say so."
     told = (
         f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {first.method}, IoU "
         f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover "

@@ -19,6 +19,7 @@ from bench.reporting.run_tables import SWEEP
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import printed
 from tests.support.counts import counts_file, write_seconds
+from tests.support.stored_files import change_summary
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +71,14 @@ def test_damaged_and_unfinished_runs_are_listed_with_their_fault(folder, tmp_pat
     write_leaderboard(found, tmp_path)
     for name in ("leaderboard.md", "leaderboard.json", "index.html"):
         assert "broken/paper-v1" in (tmp_path / name).read_text()
+
+
+def test_a_run_without_a_scored_image_has_no_rank(tmp_path):
+    change_summary(write_run(tmp_path / "failed", drawn(50)), lambda summary: summary["images"].update(evaluated=0))
+    write_run(tmp_path / "run", drawn(50))
+    found = read_leaderboard(tmp_path)
+    assert found.not_ranked == (("failed/paper-v1", "no image of it was scored"),)
+    assert [entry.run for group in found.groups for entry in group.entries] == ["run"]
 
 
 def test_the_files_carry_the_same_numbers_and_the_same_bytes(folder, tmp_path):
