@@ -102,6 +102,16 @@ def test_depth_height_and_anti_parallel_exclude_each_other(x, y, z, u, v, w):
     assert all_of(found).min() >= 0
 
 
+@given(st.floats(2, 15), coordinate, step, st.floats(0.02, 0.2))
+def test_the_road_says_nothing_of_what_rises_above_the_horizon(x, y, along_m, up_m):
+    views = TwoViews()
+    point, motion = (x, y, 0.65), (along_m, 0, up_m)
+    previous, current = views.rays(point, motion)
+    assert views.motion.rotate(previous[0]) @ views.road.down > 0 > current[0] @ views.road.down
+    found = measured(views, point, motion, lambda_height=0.0, lambda_anti_parallel=0.0)
+    assert found.positive_height[0] == found.anti_parallel[0] == 0
+
+
 def test_previous_frame_without_rotation_would_flag_static_points():
     """Why q = R p stands for p: at 20 degrees/s and 15 frames/s the literal reading is wrong by 20 mrad."""
     views = TwoViews(yaw_rad=np.deg2rad(20 / 15))
