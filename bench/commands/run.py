@@ -375,7 +375,7 @@ def print_runs(first: Run) -> int:
             console.say(warning, style="bold red")
         purpose = PURPOSES.get(manifest.protocol.name)
         told = manifest.title if purpose is None else f"{manifest.title}, {purpose}"
-        rows = run_tables.table_rows(summary, beside_paper=run_tables.is_rendered(manifest.dataset.card))
+        rows = run_tables.table_rows(summary, beside_paper=run_tables.is_beside_paper(manifest))
         all_rows += rows
         beside = "; beside the paper" if any(row.paper for row in rows) else ""
         console.print_blocks([run_tables.results_table(rows, title=f"{told}{beside}, in percent", short=True)])
@@ -389,7 +389,7 @@ def print_runs(first: Run) -> int:
         console.note_files(run.files)
     for remark in dict.fromkeys(remark for run in runs for remark in run.remarks):
         console.say(remark, style="yellow")
-    console.say(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.folder)])}")
+    console.note(f"next, a page to read: {shlex.join(['fisheye-bench', 'report', str(first.folder)])}")
     return console.FAILURES if failures else 0
 
 

@@ -50,7 +50,7 @@ from bench.reporting.document import (
 from bench.reporting.frame import draw_frames, draw_panels, scored_layers
 from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
-    is_rendered,
+    is_beside_paper,
     left_out_note,
     legend,
     results_table,
@@ -459,7 +459,7 @@ def _head(run: StoredRun) -> list[Block]:
         "Protocol": f"{manifest.protocol.name}, version {manifest.protocol.version}",
         "Run": f"{run.label}, {summary.provenance.started_utc[:16]} UTC, fisheye-bench {manifest.code.version}",
     }
-    if is_rendered(data.card):
+    if is_beside_paper(manifest):
         about["Paper"] = f"{published.SOURCE}. Its values stand below ours as “paper”: same form, not the same data."
     intro = (
         f"How well the method “{method.name}” marks what moves in the camera images of a driving car, measured against "
@@ -487,7 +487,7 @@ def _glance(run: StoredRun, examples: Sequence[Block]) -> Iterator[Block]:
 
 def _results(run: StoredRun) -> list[Block]:
     """Ours, beside the paper's where that says something."""
-    rows = table_rows(run.metrics, beside_paper=is_rendered(run.manifest.dataset.card))
+    rows = table_rows(run.metrics, beside_paper=is_beside_paper(run.manifest))
     notes = [Paragraph(note, "dim") for note in (left_out_note(run.metrics), legend(rows)) if note]
     return [results_table(rows, title="In percent"), *notes]
 

@@ -19,6 +19,7 @@ from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
 from bench.evaluation.summary import Summary, not_annotated
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness import Provenance, RunSummary, StoredRun
+from bench.harness.manifest import Manifest
 from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason
@@ -26,6 +27,7 @@ from bench.reporting import formats
 from bench.reporting.document import Block, Cell, Column, Paragraph, Report, Table
 
 FALSE_POSITIVES = "false_positives"
+PAPER_PROTOCOL = "paper-v1"
 FALSE_POSITIVE_METRICS = tuple(metric.field for metric in definitions.FALSE_POSITIVES)
 _OF_PAPER = {"detection_rate": "detection_rate", "tpr": "tpr", "iou_detected": "iou"}  # its name of each
 _FIRST = ("iou", "tpr_all", "iou_detected", "tpr")  # then whatever else is defined, beside the detection rates
@@ -77,10 +79,10 @@ class TableRow:
         return round(100.0 * difference, 10)  # without the noise of binary fractions
 
 
-def is_rendered(card: str) -> bool:
-    """True for a data set that is rendered from a scenario: ours, so that pages may show it, beside the paper's too."""
+def is_beside_paper(run: Manifest) -> bool:
+    """True for what compares with the paper: its own rules, on scenes that are rendered in its form."""
     try:
-        return load_card(card).scenario is not None
+        return run.protocol.name == PAPER_PROTOCOL and load_card(run.dataset.card).scenario is not None
     except BenchError:
         return False
 
@@ -241,7 +243,7 @@ def write_report_files(run: StoredRun) -> tuple[Path, ...]:
         DataError: a table of the run is damaged.
     """
     summary = run.summary
-    rows = table_rows(summary, beside_paper=is_rendered(run.manifest.dataset.card))
+    rows = table_rows(summary, beside_paper=is_beside_paper(run.manifest))
     over_all = "" if summary.threshold_free is None else threshold_free_line(summary.threshold_free)
     caveats = f"The data: {' '.join(summary.caveats.split())}" if summary.caveats.strip() else ""
     notes = (left_out_note(summary), over_all, caveats)
