@@ -298,6 +298,8 @@ UPSIDE_DOWN = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, de
          "2 gaps, the longest 200.0 ms & 2 of 16 annotated times without"),
         (short_egomotion, {("ego-motion-missing", ERROR)}, "images of front & lidar sweeps"),
         (later_by(20 * 10**9), {("annotation-outside", ERROR)}, "timestamp"),
+        (later_by(10**9, only=15), {("annotation-outside", WARNING), ("label-gaps", WARNING)},
+         "1 of 16 annotated times outside"),
         (later_by(-7_000_000, only=15), {("annotation-time", WARNING)}, "1 of 16 annotated times at neither  1 times"),
         (frames(unknown_category), {("file", ERROR)}, "sideways"),
         (key_twice, {("key-twice", ERROR)}, "'walker'"),

@@ -37,6 +37,7 @@ LEAST_IMAGES = 10
 MATCHED_NS = 1_000_000
 LEAST_SWEEP_STEPS = 4
 MOST_WITHOUT_SWEEP = 0.25  # of the annotated times; with more of them, annotations follow the images
+MOST_OUTSIDE = 0.5  # of the annotated times; with more, these are of another clock
 NEAR_SWEEP_NS = 100_000_000
 
 
@@ -176,7 +177,7 @@ def check_annotation_times(recording: Recording) -> Iterator[Finding]:
     alone = distance_to(annotated_ns, sweeps_ns) > MATCHED_NS if len(sweeps_ns) else np.zeros_like(outside)
     lost = alone & ~outside & ~unseen & (alone.mean() < MOST_WITHOUT_SWEEP)
     for kind, at, where in (
-        ("annotation-outside", outside, "outside"),
+        ("annotation-outside: partly" if outside.mean() < MOST_OUTSIDE else "annotation-outside", outside, "outside"),
         ("annotation-time", unseen, "at neither"),
         ("annotation-sweep", lost, "without one"),
     ):
