@@ -98,6 +98,7 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     first, *others = (_deviation(recording, camera, cause, clean, fit) for cause, fit in ranked if fit.cost < enough)
     return replace(
         first,
+        field=" or ".join(dict.fromkeys(str(one.field) for one in (first, *others))),
         got=first.got + "".join(f"; almost as well: {other.got}" for other in others),
         hint=first.hint + "".join(f"; or, in {other.field}, {other.hint}" for other in others),
     )
