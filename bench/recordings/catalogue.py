@@ -178,7 +178,8 @@ def open_dataset(card: DatasetCard, split: str | None = None) -> tuple[Recording
         if any("\ud800" <= character <= "\udfff" for character in name):
             raise DataError(card.root, expected="recordings with names in UTF-8", got=repr(name), hint="rename it")
     if not handles:
-        raise DataError(card.root, expected=f"recordings of the adapter {card.content.adapter!r}", got="none")
+        expected, hint = f"recordings of the adapter {card.content.adapter!r}", card.content.how_to_get
+        raise DataError(card.root, expected=expected, got="none", hint=hint)
     names, limit = chosen_recordings(card, split, tuple(handles))
     excluded = card.content.exclusions
     _refuse_unknown((e.recording for e in excluded), handles, card, "exclusions")
