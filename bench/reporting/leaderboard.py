@@ -424,8 +424,8 @@ def _beside_shipped(group: RankedGroup, shipped: Sequence[RankedGroup]) -> Ranke
 TITLE = "Leaderboard: which method finds what moves"
 ABOUT = (
     "Methods that mark what moves in the images of a driving car's fisheye camera, on the same images. Ranked by "
-    f"{RANKING_PROTOCOL}, which ranks methods as exact masks would if they make similar errors; other protocols are "
-    "carried along."
+    f"{RANKING_PROTOCOL}, which ranks methods as exact masks would if they make similar errors; other protocols "
+    "have tables of their own."
 )
 NOTES = (
     "In percent, of the images that all runs of a table scored: at least "
