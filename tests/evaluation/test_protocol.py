@@ -10,7 +10,6 @@ import yaml
 from bench.errors import DataError, UnknownNameError
 from bench.evaluation import known_protocols, load_protocol
 from bench.records.reference import Category
-from bench.records.rules import Limb
 
 # A released protocol is never edited, only superseded by a new file with a line of its own here.
 RELEASED = {
@@ -37,18 +36,6 @@ def test_the_papers_rules() -> None:
     assert (settings.range_limit_m, settings.polygon_kind) == (8.0, "convex")
     assert settings.categories == tuple(kind for kind in Category if kind is not Category.MOVING)
     assert (settings.max_annotation_gap_ms, settings.motion.crossing_from_deg) == (100, 45)
-
-
-def test_surface_says_why_outlines_are_uncertain() -> None:
-    settings = load_protocol("surface-v1").reference
-    assert (settings.range_limit_m, settings.polygon_kind) == (8.0, "surface-patches")
-    assert settings.ground_clearance_above == "shape"
-    assert settings.unknown_band is not None
-    assert settings.unknown_band.angle_deg == 0.11
-    legs_and_arms = (Limb(joint=0.53, end=0.0, speed=2.0), Limb(joint=0.82, end=0.43, speed=1.0))
-    assert settings.unknown_band.limbs["pedestrian"] == legs_and_arms
-    assert set(settings.unknown_band.limbs) == {"pedestrian", "cyclist"}
-    assert load_protocol("paper-v1").reference.unknown_band is None
 
 
 def test_the_digest_is_of_the_content_not_of_its_writing(tmp_path: Path) -> None:
