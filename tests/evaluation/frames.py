@@ -44,31 +44,26 @@ def ignored_object(track_id: str, reason: IgnoreReason = IgnoreReason.RANGE) -> 
 
 
 def reference_frame(
-    labels: NDArray[np.int32],
-    *,
-    objects: Sequence[ReferenceObject] | None = None,
-    ignored: NDArray[np.bool_] | None = None,
-    valid: NDArray[np.bool_] | None = None,
-    recording: str = "drive",
-    camera: str = "front",
-    timestamp_ns: int = 0,
+    labels: NDArray[np.int32], *, objects: Sequence[ReferenceObject] | None = None, **changes: object
 ) -> ReferenceFrame:
-    """A frame from labels; objects "a", "b" ... where none are given."""
+    """A frame from labels, changed in some fields; objects "a", "b" ... where none are given."""
     labels = np.asarray(labels, dtype=np.int32)
+    nowhere = np.zeros(labels.shape, dtype=bool)
     if objects is None:
         objects = [reference_object(chr(ord("a") + k)) for k in range(labels.max(initial=0))]
-    return ReferenceFrame(
-        recording=recording,
-        camera=camera,
-        timestamp_ns=timestamp_ns,
+    frame = ReferenceFrame(
+        recording="drive",
+        camera="front",
+        timestamp_ns=0,
         ego_speed_mps=2.0,
         objects=tuple(replace(o, region_px=int((labels == k + 1).sum())) for k, o in enumerate(objects)),
         labels=labels,
-        ignored=np.zeros(labels.shape, dtype=bool) if ignored is None else ignored,
-        unknown=np.zeros(labels.shape, dtype=bool),
-        left_out=np.zeros(labels.shape, dtype=bool),
-        valid=np.ones(labels.shape, dtype=bool) if valid is None else valid,
+        ignored=nowhere,
+        unknown=nowhere,
+        left_out=nowhere,
+        valid=~nowhere,
     )
+    return replace(frame, **changes)  # type: ignore[arg-type]
 
 
 def picture(text: str) -> NDArray[np.int32]:
@@ -110,11 +105,3 @@ def frames(draw: st.DrawFn) -> ReferenceFrame:
 def _box(draw: st.DrawFn) -> tuple[slice, slice]:
     v, u = draw(st.integers(0, SIZE[0] - 1)), draw(st.integers(0, SIZE[1] - 1))
     return slice(v, v + draw(st.integers(1, 5))), slice(u, u + draw(st.integers(1, 5)))
-
-
-def reordered(frame: ReferenceFrame, order: Sequence[int]) -> ReferenceFrame:
-    """The same frame with its objects in another order."""
-    new_label = np.zeros(len(order) + 1, dtype=np.int32)
-    for new, old in enumerate(order):
-        new_label[old + 1] = new + 1
-    return replace(frame, objects=tuple(frame.objects[k] for k in order), labels=new_label[frame.labels])

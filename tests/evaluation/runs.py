@@ -14,7 +14,7 @@ from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceSc
 from bench.evaluation.rows import FRAME_COUNTS, IMAGE
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
-from tests.support.result_rows import NO_COUNTS, TableRows, summarise
+from tests.support.result_rows import TableRows, summarise
 
 PAPER = load_protocol("paper-v1")
 COUNTS = (*FRAME_COUNTS, "undefined_px")
@@ -86,7 +86,6 @@ def _object_row(draw: np.random.Generator, frame: dict[str, object], track_id: s
     region, fp = (int(draw.integers(1, 500)), int(draw.integers(0, 90))) if evaluated else (0, 0)
     tp = int(draw.integers(0, region + 1)) if draw.random() < 0.8 else 0
     return {
-        **dict.fromkeys(NO_COUNTS, 1 + region % 7),  # those that a new metric may ask for
         **{key: frame[key] for key in (*IMAGE, "ego_speed_mps")},
         "track_id": track_id,
         "object_class": draw.choice(PAPER.reference.classes),

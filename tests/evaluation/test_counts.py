@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
@@ -19,7 +18,6 @@ from bench.evaluation.counts import (
     ChanceScorer,
     FrameCounts,
     ObjectCounts,
-    count_by_cell,
     count_frame,
     share_in_proportion,
 )
@@ -34,7 +32,6 @@ from tests.evaluation.frames import (
     picture,
     reference_frame,
     reference_object,
-    reordered,
     static_object,
 )
 from tests.evaluation.runs import PAPER, scored
@@ -75,31 +72,8 @@ def test_counts_agree_with_plain_loops(frame: ReferenceFrame, detected: NDArray[
     assert [item.tp + item.fn for item in objects] == [item.region_px for item in frame.objects]
 
 
-@given(frames())
-def test_the_reference_itself_nothing_and_everything(frame: ReferenceFrame) -> None:
-    itself, objects = count(frame, frame.labels > 0)
-    assert (itself.tp_px, itself.fn_px, itself.fp_px) == (itself.reference_px, 0, 0)
-    assert all((item.fn, item.fp) == (0, 0) for item in objects)
-    nothing, objects = count(frame, np.zeros(frame.valid.shape, dtype=bool))
-    assert (nothing.tp_px, nothing.fp_px, nothing.fn_px) == (0, 0, nothing.reference_px)
-    everything, objects = count(frame, np.ones(frame.valid.shape, dtype=bool))
-    assert everything.fp_px == np.count_nonzero(frame.valid & ~((frame.labels > 0) | frame.ignored))
-    assert all(item.fn == 0 for item in objects)
-
-
-@given(frames(), masks, st.data())
-def test_counts_are_invariant_to_the_order_of_objects(
-    frame: ReferenceFrame, detected: NDArray[np.bool_], data: st.DataObject
-) -> None:
-    order = data.draw(st.permutations(range(len(frame.objects))))
-    counts, objects = count(frame, detected)
-    turned_counts, turned = count(reordered(frame, order), detected)
-    assert turned_counts == counts
-    assert turned == tuple(objects[k] for k in order)
-
-
 def brute_force(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[dict[str, int], tuple[ObjectCounts, ...]]:
-    """The definitions once more, pixel by pixel and with exact fractions."""
+    """The definitions once more, pixel by pixel and with exact fractions, whatever order the objects have."""
     height, width = frame.labels.shape
     pixels = [(v, u) for v in range(height) for u in range(width)]
     mask_px = {p for p in pixels if detected[p] and frame.valid[p]}
@@ -140,25 +114,6 @@ def brute_force(frame: ReferenceFrame, detected: NDArray[np.bool_]) -> tuple[dic
     return totals, objects
 
 
-# An image taken apart, and pixels counted by cell.
-
-
-@given(npst.arrays(bool, st.tuples(st.integers(1, 20), st.integers(1, 20))), st.integers(1, 9))
-def test_cells_hold_what_a_loop_finds(region: NDArray[np.bool_], cell: int) -> None:
-    rows, columns = (range(0, size, cell) for size in region.shape)
-    expected = [[int(region[v : v + cell, u : u + cell].sum()) for u in columns] for v in rows]
-    assert count_by_cell(region, cell).tolist() == expected
-
-
-# Whole pixels shared in proportion.
-
-
-def test_shares_to_check_by_hand() -> None:
-    weights = np.array([[1, 1, 1], [0, 0, 0], [0, 5, 0]])
-    assert share_in_proportion(np.array([7, 9, 2]), weights=weights).tolist() == [3, 4, 2]
-    assert share_in_proportion(np.array([7]), weights=weights[:1]).tolist() == [3, 2, 2]
-
-
 @given(st.integers(0, 400_000), npst.arrays(np.int64, st.integers(1, 6), elements=st.integers(0, 300_000)))
 def test_shares_are_exact_in_sum_and_within_a_pixel_of_the_proportion(amount: int, weight: NDArray[np.int64]) -> None:
     shares = share_in_proportion(np.array([amount]), weights=weight[None])
@@ -181,35 +136,19 @@ def test_exact_masks_are_counted_beside_the_answer() -> None:
 PIXELS = 12
 
 
-def seen_at(timestamp_ns: int) -> ReferenceFrame:
-    """Object "a" is the whole image, "far" is ignored."""
-    objects = [reference_object("a"), ignored_object("far")]
-    return reference_frame(picture("1" * PIXELS), objects=objects, timestamp_ns=timestamp_ns)
-
-
-def chance_of(times_ns: Sequence[int], *, lag_ns: int) -> dict[int, dict[str, int]]:
-    """The mask of the n-th frame has n + 1 pixels, so that the count tells which mask was used."""
-    scorer = ChanceScorer(lag_ns=lag_ns)
-    for n, timestamp_ns in enumerate(times_ns):
-        scorer.add(seen_at(timestamp_ns), np.arange(PIXELS)[None] <= n)
-    return scorer.finish()
-
-
-def test_a_lag_earlier_and_for_the_first_frames_a_lag_later() -> None:
-    found = chance_of([0, 10, 20, 30, 40], lag_ns=20)
-    assert {t: objects["a"] for t, objects in found.items()} == {0: 3, 10: 4, 20: 1, 30: 2, 40: 3}
-
-
 @given(st.sets(st.integers(0, 100), max_size=PIXELS - 1), st.integers(1, 60))
-def test_agrees_with_a_search_over_all_frames(times: set[int], lag_ns: int) -> None:
-    times_ns = sorted(times)
-    expected = {}
-    for t in times_ns:
+def test_chance_agrees_with_a_search_over_all_frames(times: set[int], lag_ns: int) -> None:
+    """A lag earlier, for the first frames a lag later; the n-th mask has n + 1 pixels, so that the count names it."""
+    times_ns, scorer, expected = sorted(times), ChanceScorer(lag_ns=lag_ns), {}
+    for n, t in enumerate(times_ns):
+        objects = [reference_object("a"), ignored_object("far")]
+        frame = reference_frame(picture("1" * PIXELS), objects=objects, timestamp_ns=t)
+        scorer.add(frame, np.arange(PIXELS)[None] <= n)
         earlier = [n for n, other in enumerate(times_ns) if other <= t - lag_ns]
         later = [n for n, other in enumerate(times_ns) if other >= t + lag_ns]
         if earlier or later:
             expected[t] = {"a": (earlier[-1] if earlier else later[0]) + 1}
-    assert chance_of(times_ns, lag_ns=lag_ns) == expected
+    assert scorer.finish() == expected
 
 
 # From frames to the two tables.

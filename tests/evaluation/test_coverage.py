@@ -1,12 +1,8 @@
-"""How often intervals hold the truth, on recordings as drives give them, drawn at random around a known truth.
-
-The table in `bench.evaluation.intervals` is printed by `main`: python -m tests.evaluation.test_coverage
-"""
+"""How often intervals hold the truth, on recordings as drives give them, drawn at random around a known truth."""
 
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from functools import partial
 
@@ -155,14 +151,3 @@ def test_methods_that_differ_by_chance_alone_are_told_apart_in_at_most_one_case_
         assert (change.p_value < 0.05) == (not change.ci95[0] <= 0 <= change.ci95[1])
         told += change.p_value < 0.05
     assert told / DRAWS <= 0.055
-
-
-def main() -> None:
-    width = max(map(len, SCENARIOS))
-    for name in SCENARIOS:
-        held = "".join(f"{100 * covered(name, n):7.1f}" for n in RECORDINGS)
-        sys.stdout.write(f"{name.ljust(width)}{held}\n")
-
-
-if __name__ == "__main__":
-    main()

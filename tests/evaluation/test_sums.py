@@ -12,7 +12,6 @@ import pytest
 from bench.errors import DataError
 from bench.evaluation import RowSource, read_sums, rows, sum_run, write_sums
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.rows import group_recordings
 from bench.evaluation.sums import KEY
 from bench.harness import open_tables
 from bench.harness.counts import StoredRows
@@ -100,13 +99,6 @@ def test_stored_rows_in_any_order_and_in_parts_give_the_same(tmp_path: Path) -> 
     kept = stored((shuffled(tables[0], 1), shuffled(tables[1], 2)), tmp_path)
     assert_same(reduced(kept, 7), random_sums(3))
     assert [len(rows) for rows in kept] == [len(table) for table in tables]
-
-
-def test_a_recording_is_never_cut() -> None:
-    counts = {"c": 5, "a": 3, "b": 4, "d": 1, "e": 1}
-    assert group_recordings(counts, rows_at_once=4) == [["a"], ["b"], ["c"], ["d", "e"]]
-    assert group_recordings(counts, rows_at_once=100) == [["a", "b", "c", "d", "e"]]
-    assert group_recordings({}) == []
 
 
 def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:

@@ -168,11 +168,6 @@ def test_figures_to_check_by_hand() -> None:
     assert found.auprc.ci95 is None
 
 
-def test_pixels_of_one_bin_are_found_at_once() -> None:
-    found = free_of(scores_of(("11..\n....", np.full((2, 4), 0.3))))
-    assert (found.auprc.value, found.fpr95.value) == (2 / 8, 1.0)
-
-
 @given(st.integers(0, 10_000), st.booleans())
 def test_where_each_value_has_a_bin_the_figures_are_those_of_all_thresholds(seed: int, is_score: bool) -> None:
     draw, edges = np.random.default_rng(seed), SCORE_EDGES if is_score else EDGES

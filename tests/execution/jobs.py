@@ -50,10 +50,6 @@ def squared_but_for_three(folder, end, number):
     return number * number
 
 
-def want_memory(_):
-    return bytes(1 << 60)
-
-
 def note_process(folder, number):
     note(folder, "processes")
 

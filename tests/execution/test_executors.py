@@ -90,12 +90,6 @@ def test_a_task_that_always_ends_its_process_fails_and_the_others_are_done(tmp_p
     assert len(set(pids(tmp_path / "attempts"))) == 2, "at the second attempt it is alone"
 
 
-@every_executor
-def test_memory_that_runs_out_in_a_task_is_raised(name):
-    with pytest.raises(MemoryError):
-        list(EXECUTORS[name].compute(jobs.want_memory, [1]))
-
-
 def test_closing_ends_the_processes_even_those_that_do_not_listen(tmp_path):
     here = tmp_path / "processes"
     executor = ProcessExecutor(workers=2)

@@ -1,19 +1,14 @@
 """A rendered data set on which regressions show, and runs of it."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from bench.evaluation import load_protocol
-from bench.methods import Method, build_method
-from bench.recordings import load_card
+from bench.methods import Method
 from bench.synthesis import synthesize
 from tests.conftest import made_once
-from tests.support.runs import run_one
-
-Run = Callable[[Method, Path], Path]
+from tests.support.runs import score
 
 
 @pytest.fixture(scope="session")
@@ -27,9 +22,8 @@ def gated_card(shared: Path) -> Path:
     return made_once(shared, "gated", make) / "gated.yaml"
 
 
-def run(card: Path, out: Path, method: Method | None = None) -> Path:
-    chosen = method or build_method("spherical")
-    run_one(card=load_card(str(card)), method=chosen, protocol=load_protocol("paper-v1"), out=out)
+def run(card: Path, out: Path, method: Method | str = "spherical") -> Path:
+    score(card, out, method=method)
     return out
 
 

@@ -9,11 +9,10 @@ import pandas as pd
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.evaluation import compare_sums
 from bench.gate import read_baseline, write_baseline
 from bench.harness import manifest as manifests
 from bench.methods import build_method
-from tests.gate.factories import one, scored, sums, verdict_of
+from tests.gate.factories import one, scored, sums
 from tests.support.manifests import method_of_run
 
 BASELINES = Path(__file__).parents[2] / "reports" / "baselines"
@@ -115,27 +114,14 @@ def test_the_commit_of_a_plug_in_is_that_of_its_own_checkout_and_names_what_is_i
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "message"),
     [
-        ("manifest.json", "{", r"manifest\.json: expected"),
-        ("manifest.json", "{}", r"manifest\.json: dataset: expected"),
-        ("sums.csv", "a,b\n", r"sums\.csv: expected a table of sums"),
-        ("sums.csv", None, r"sums\.csv: expected a table of sums"),
-        ("manifest.json", None, r"expected a folder with sums\.csv and manifest\.json"),
+        ("sums.csv", r"sums\.csv: expected a table of sums"),
+        ("manifest.json", r"expected a folder with sums\.csv and manifest\.json"),
     ],
 )
-def test_a_damaged_baseline_names_the_file(tmp_path, name, text, message):
+def test_a_missing_file_of_a_baseline_is_named(tmp_path, name, message):
     write_baseline(one([0.5] * 6), tmp_path / "b")
     (tmp_path / "b" / name).unlink()
-    if text is not None:
-        (tmp_path / "b" / name).write_text(text)
     with pytest.raises(DataError, match=message):
         read_baseline(tmp_path / "b")
-
-
-def test_the_committed_baseline_judges():
-    stored = read_baseline(BASELINES / "demo")
-    assert stored.manifest.dataset.name == "demo"
-    row = compare_sums(stored.sums, stored.sums).loc["category", "overtaking", "tpr_all"]
-    assert row["cases_before"] == 141
-    assert verdict_of(stored, stored).passed

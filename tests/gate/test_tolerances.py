@@ -29,11 +29,6 @@ def test_released_files_hold():
     assert found == RELEASED
 
 
-def test_rendered_differs_from_default_in_two_rules():
-    default, rendered = load_tolerances(), load_tolerances("rendered-v1")
-    assert rendered == default.model_copy(update={"name": "rendered-v1", "changed_data": "report", "suspect": "fail"})
-
-
 def test_a_slice_overrides_its_metric_and_the_last_pattern_wins(tmp_path):
     file = own(
         tmp_path,

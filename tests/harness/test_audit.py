@@ -10,18 +10,16 @@ import pytest
 
 from bench.audit import AuditSummary, Compensation, FalseCause, MissCause, Scoring, run_audit
 from bench.errors import DataError
-from bench.evaluation import load_protocol
 from bench.execution import ProcessExecutor
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
-from tests.support.runs import run_one
+from tests.support.runs import PAPER, score
 
 pytestmark = pytest.mark.slow
 
 TABLES = tuple(f"{name}.parquet" for name in ("polygons", "objects", "frames", "misses", "false_alarms"))
-PAPER = load_protocol("paper-v1")
 
 
 def audited(card: Path, out: Path, *, method: str = "spherical", **options: object) -> AuditSummary:
@@ -45,13 +43,9 @@ def stored(folder: Path) -> AuditSummary:
     return AuditSummary.model_validate_json((folder / "audit.json").read_bytes())
 
 
-def copied(tiny_card: Path, folder: Path) -> Path:
-    return shutil.copytree(tiny_card.parent, folder / "datasets") / tiny_card.name
-
-
 def test_scores_against_lidar_polygons_are_the_benchmark(audit: AuditSummary, tiny_card: Path, tmp_path: Path):
     assert (audit.failures, audit.left_out, audit.recordings) == ((), "", 3)
-    run = run_one(card=load_card(tiny_card), method=build_method("spherical"), protocol=PAPER, out=tmp_path / "run")
+    run = score(tiny_card, tmp_path / "run")
     assert audit.not_seen == 0
     found = audit.scores[Scoring.LIDAR]
     assert found.categories == run.categories
@@ -136,21 +130,19 @@ def test_another_method_is_scored_but_not_explained(tiny_card: Path, tmp_path: P
     assert (found.misses, found.false_alarms) == ((), None)
 
 
-def test_without_masks_there_is_nothing_to_compare(tiny_card: Path, tmp_path: Path):
-    card = copied(tiny_card, tmp_path)
-    without_scenario(card)
-    for folder in (card.parent / "data" / "tiny").glob("*/truth/front"):
+def test_without_masks_there_is_nothing_to_compare(own_card: Path, tmp_path: Path):
+    without_scenario(own_card)
+    for folder in (own_card.parent / "data" / "tiny").glob("*/truth/front"):
         shutil.rmtree(folder)
     with pytest.raises(DataError, match=r"expected rendered masks .* audit a rendered data set"):
-        audited(card, tmp_path / "out")
+        audited(own_card, tmp_path / "out")
 
 
-def test_images_that_cannot_be_used_are_reported(tiny_card: Path, tmp_path: Path):
-    card = copied(tiny_card, tmp_path)
-    without_scenario(card)
-    image = sorted((card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
+def test_images_that_cannot_be_used_are_reported(own_card: Path, tmp_path: Path):
+    without_scenario(own_card)
+    image = sorted((own_card.parent / "data" / "tiny" / "crossing" / "truth" / "front").iterdir())[2]
     image.write_bytes(image.read_bytes()[:100])
-    found = audited(card, tmp_path / "out", split="moving")
+    found = audited(own_card, tmp_path / "out", split="moving")
     assert "names no scenario" in found.left_out
     assert found.polygons
     assert any("cut short" in failure and image.name in failure for failure in found.failures)

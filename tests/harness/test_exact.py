@@ -11,6 +11,7 @@ from bench.harness import FramePipeline, build_scorable, read_run, scorable_meth
 from bench.harness.exact import ReferenceItself, moving_instances
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
+from tests.support.changed_data import without_scenario
 from tests.support.commands import call
 from tests.support.runs import PAPER, score
 
@@ -80,8 +81,7 @@ def test_wrong_parameters_of_the_exact_masks(size_px):
 
 def test_data_without_exact_masks_have_no_ceiling(own_card, tmp_path, monkeypatch, capsys):
     shutil.rmtree(own_card.parent / "data" / "tiny" / "crossing" / "truth")
-    lines = own_card.read_text().splitlines(keepends=True)
-    own_card.write_text("".join(line for line in lines if not line.startswith("scenario:")))  # else they are rendered
+    without_scenario(own_card)
     words = ("--method", "truth", "--protocol", "paper-v1", "--out", tmp_path / "run", "--no-pictures")
     call(monkeypatch, "run", own_card, *words)
     assert "expected exact masks" in capsys.readouterr().out

@@ -62,9 +62,10 @@ def test_a_manifest_is_read_as_it_was_written(tmp_path):
     assert read_manifest(tmp_path) is None
     write_manifest(tmp_path / "manifest.json", PLAIN)
     assert read_manifest(tmp_path) == PLAIN
-    (tmp_path / "manifest.json").write_text("{}")
-    with pytest.raises(DataError, match=r"manifest\.json: dataset: expected"):
-        read_manifest(tmp_path)
+    for text, told in (("{}", "dataset: expected"), ("{", "expected")):
+        (tmp_path / "manifest.json").write_text(text)
+        with pytest.raises(DataError, match=rf"manifest\.json: {told}"):
+            read_manifest(tmp_path)
 
 
 def test_of_answers_alone_only_what_decides_them_is_compared():

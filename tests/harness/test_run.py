@@ -8,7 +8,6 @@ import pytest
 from bench.errors import DataError
 from bench.harness import read_run, read_tables
 from bench.harness.manifest import Manifest, read_manifest
-from tests.support.manifests import method_of_run
 from tests.support.runs import PAPER, score
 
 
@@ -121,9 +120,3 @@ def test_what_is_no_summary_is_refused_by_name(tmp_path):
         read_run(tmp_path)
     with pytest.raises(DataError, match="expected counts of a run"):
         read_tables(tmp_path)
-
-
-def test_what_a_stored_method_is_called():
-    assert method_of_run("spherical").called == "spherical"
-    stranger = method_of_run("stranger", place="bench.methods.baselines:Nothing")
-    assert stranger.called == "bench.methods.baselines:Nothing"

@@ -47,6 +47,7 @@ from tests.support.changed_data import (
     change_sweep,
     remove_image,
 )
+from tests.support.counts import counts_file
 from tests.support.runs import IMAGES, PAPER, bytes_of, score
 from tests.support.stored_files import change_manifest
 
@@ -227,6 +228,10 @@ def test_a_second_run_computes_nothing_removes_what_is_half_written_and_gives_th
     assert score(tiny_card, tmp_path / "run").provenance.images_asked == 0
     assert bytes_of(tmp_path / "run") == first
     assert not [file for file in (tmp_path / "run").rglob(".*") if is_temporary(file.name)]
+    counts_file(tmp_path / "run" / "paper-v1", "objects", "standing").write_bytes(b"PAR1")
+    counts_file(tmp_path / "run" / "paper-v1", "frames", "standing").unlink()
+    assert score(tiny_card, tmp_path / "run").provenance.images_asked == 0
+    assert bytes_of(tmp_path / "run") == first, "counts are taken again of the answers"
     for file in (tmp_path / "run" / "answers" / "crossing").iterdir():
         file.unlink()
     assert score(tiny_card, tmp_path / "run").provenance.images_asked == 4

@@ -4,13 +4,11 @@ import math
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Metric, sum_run, summary_of, threshold_sweep
-from bench.evaluation.counts import EDGES
+from bench.evaluation import Metric, sum_run, summary_of
 from bench.evaluation.maps import range_maps
 from bench.harness import read_run, read_tables
 from bench.harness.stored import HISTOGRAMS
@@ -50,15 +48,6 @@ def test_a_stored_run_reduces_to_its_figures(stored):
         assert (now[name].ci95 is None) == (math.isnan(figure.value) or now[name].recordings < 6), name
 
 
-def test_a_stored_runs_curve_agrees_with_its_figures(stored):
-    run = read_run(stored)
-    summary, sweep = run.summary, threshold_sweep(run.frames)
-    threshold = run.manifest.method.settings["threshold"]
-    (at,) = np.flatnonzero(threshold == EDGES)
-    assert sweep.recall[at] == pytest.approx(summary.segmentation.recall.value)
-    assert sweep.false_positive_coverage[at] == pytest.approx(summary.false_positives.coverage.value)
-
-
 def test_histograms_may_stay_unread(stored):
     objects, frames = read_tables(stored, histograms=False)
     whole = read_tables(stored)
@@ -81,24 +70,34 @@ def changed(results, tmp_path):
     return shutil.copytree(results, tmp_path / "results")
 
 
-def change_cell(results, table, name, value):
-    """Give a cell of a recording another value, or None where the schema of the file lets it be."""
+def with_cell(name, value):
+    """The change of a table that gives a cell another value, or None where the schema of the file lets it be."""
 
     def change(rows: pa.Table) -> pa.Table:
         cells = rows[name].to_pylist()
         cells[1] = value
         return rows.set_column(rows.schema.names.index(name), name, pa.array(cells, rows.schema.field(name).type))
 
-    change_table(results, table, change, recording="crossing")
+    return change
+
+
+def as_words(rows: pa.Table) -> pa.Table:
+    return rows.set_column(rows.schema.names.index("tp"), "tp", pa.array(["x"] * len(rows)))
 
 
 @pytest.mark.parametrize(
-    ("table", "name"), [("objects", "track_id"), ("objects", "tp"), ("frames", "status"), ("frames", "fp_by_cause")]
+    ("table", "told", "change"),
+    [
+        *[("objects", f"'{name}'", with_cell(name, None)) for name in ("track_id", "tp")],
+        *[("frames", f"'{name}'", with_cell(name, None)) for name in ("status", "fp_by_cause")],
+        ("objects", r"\btp\b", lambda rows: rows.drop_columns(["tp"])),
+        ("objects", "'x'", as_words),
+    ],
 )
-def test_a_null_where_every_row_has_a_value(changed, table, name):
-    change_cell(changed, table, name, None)
+def test_a_column_that_is_missing_has_a_null_or_is_of_another_kind_is_named(changed, table, told, change):
+    change_table(changed, table, change, recording="crossing")
     file = counts_file(changed, table, "crossing")
-    with pytest.raises(DataError, match=rf"{file.name}: expected counts of a run, got .*'{name}'.*; remove the file"):
+    with pytest.raises(DataError, match=rf"{file.name}: expected counts of a run, got .*{told}.*; remove the file"):
         read_tables(changed)
 
 
@@ -113,29 +112,12 @@ def test_a_row_that_is_there_twice_also_in_another_file(changed, table):
 
 @pytest.mark.parametrize("x_m", [1e9, math.inf])
 def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, x_m):
-    change_cell(changed, "objects", "x_m", x_m)
+    change_table(changed, "objects", with_cell("x_m", x_m), recording="crossing")
     run = read_run(changed)
     with pytest.raises(
         DataError, match=r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle"
     ):
         range_maps(run.objects, protocol=run.protocol)
-
-
-def as_words(table: pa.Table) -> pa.Table:
-    return table.set_column(table.schema.names.index("tp"), "tp", pa.array(["x"] * len(table)))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda table: table.drop_columns(["tp"]), r"expected counts of a run, got .*\btp\b"),
-        (as_words, "expected counts of a run, got .*'x'"),
-    ],
-)
-def test_a_column_that_is_missing_or_of_another_kind_is_named(changed, change, message):
-    change_table(changed, "objects", change, recording="crossing")
-    with pytest.raises(DataError, match=rf"objects\.parquet: {message}.*"):
-        read_tables(changed)
 
 
 # ---- runs larger than the memory: what reads a whole run holds a part of it at a time

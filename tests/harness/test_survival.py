@@ -2,7 +2,6 @@
 
 import os
 import random
-import shutil
 import signal
 import subprocess
 import time
@@ -10,9 +9,7 @@ from contextlib import suppress
 
 import pytest
 
-from bench.errors import DataError
 from bench.execution import ProcessExecutor, SerialExecutor
-from bench.harness import read_tables
 from tests.support.processes import PATIENCE_S, files_of, pids, until
 from tests.support.runs import bytes_of
 from tests.support.troubled_runs import call, calm, command, environment, score  # noqa: F401
@@ -77,20 +74,6 @@ def test_runs_that_are_killed_at_any_time_end_as_an_undisturbed_one(tiny_card, c
             os.kill(victim, signal.SIGKILL)
         program.wait(PATIENCE_S)
     assert call(tiny_card, out, "--workers", 2).returncode == 0
-    assert bytes_of(out) == bytes_of(calm)
-
-
-@pytest.mark.parametrize("table", ["objects", "frames"])
-@pytest.mark.parametrize("damage", ["cut", "empty", "garbage"])
-def test_a_damaged_table_of_a_run_is_one_clear_line(tiny_card, calm, tmp_path, trouble, table, damage):  # noqa: F811
-    out = shutil.copytree(calm, tmp_path / "run")
-    file = out / "paper-v1" / "counts" / "standing" / f"front-00000001.{table}.parquet"
-    content = file.read_bytes()
-    file.write_bytes({"cut": content[: len(content) // 2], "empty": b"", "garbage": content[::-1]}[damage])
-    with pytest.raises(DataError, match=f"{table}.parquet: expected counts of a run.*remove the file, and run again"):
-        read_tables(out / "paper-v1")
-    (out / "paper-v1" / "counts" / "standing" / "front-00000001.frames.parquet").unlink()
-    assert score(tiny_card, out).provenance.images_asked == 0
     assert bytes_of(out) == bytes_of(calm)
 
 

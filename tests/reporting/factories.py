@@ -10,16 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, box
 
-from bench.records.reference import (
-    Category,
-    Direction,
-    IgnoreReason,
-    ObjectGeometry,
-    ReferenceFrame,
-    ReferenceObject,
-    Status,
-)
+from bench.records.reference import Category, IgnoreReason, ObjectGeometry, ReferenceFrame, ReferenceObject, Status
 from bench.records.segmentation import Segmentation
+from tests.evaluation import frames
+from tests.support.tiny import OUTLINE_M
 
 CELL_PX = 5
 
@@ -39,18 +33,10 @@ def field_of_view(width: int = 640, height: int = 480) -> NDArray[np.bool_]:
 
 
 def reference_object(
-    track_id: str,
-    polygon: Polygon,
-    *,
-    category: Category | None = Category.CROSSING,
-    status: Status = Status.EVALUATED,
+    track_id: str, polygon: Polygon, *, status: Status = Status.EVALUATED, **changes: object
 ) -> ReferenceObject:
-    return ReferenceObject(
-        track_id=track_id, object_class="pedestrian", status=status,
-        reason=IgnoreReason.RANGE if status is Status.IGNORED else None, category=category, direction=Direction.LATERAL,
-        speed_mps=1.4, range_m=5.0, centroid_m=np.array([5.0, 1.0]), points=80, polygon=polygon,
-        polygon_px=int(polygon.area), region_px=int(polygon.area),
-    )  # fmt: skip
+    reason = IgnoreReason.RANGE if status is Status.IGNORED else None
+    return frames.reference_object(track_id, polygon=polygon, status=status, reason=reason, **changes)
 
 
 def reference_frame(objects: list[ReferenceObject], *, width: int = 640, height: int = 480) -> ReferenceFrame:
@@ -66,11 +52,8 @@ def reference_frame(objects: list[ReferenceObject], *, width: int = 640, height:
         elif target.status is Status.IGNORED:
             cv2.fillPoly(ignored, [corners], 1)
     labels[~valid] = 0
-    return ReferenceFrame(
-        recording="demo", camera="front", timestamp_ns=1_200_000_000, ego_speed_mps=4.0, objects=tuple(objects),
-        labels=labels, ignored=(ignored > 0) & (labels == 0) & valid, unknown=np.zeros_like(valid),
-        left_out=np.zeros_like(valid), valid=valid,
-    )  # fmt: skip
+    ignored = (ignored > 0) & (labels == 0) & valid
+    return frames.reference_frame(labels, objects=objects, ignored=ignored, valid=valid, recording="demo")
 
 
 def busy_frame() -> ReferenceFrame:
@@ -133,7 +116,7 @@ def cluster() -> dict[str, Any]:
         ),
         "image": fisheye_image(),
         "polygon": box(*pixels.min(axis=0), *pixels.max(axis=0)),
-        "vehicle_outline_m": np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]]),
+        "vehicle_outline_m": OUTLINE_M,
         "title": "fisheye image, front, car-7",
         "image_name": "demo, camera front, 1.20 s",
     }

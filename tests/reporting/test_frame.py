@@ -7,14 +7,12 @@ from unittest.mock import Mock
 
 import cv2
 import numpy as np
-import pyarrow as pa
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import AxesImage
 from matplotlib.quiver import Quiver
 from shapely import box
 
-from bench.evaluation.rows import OBJECTS_SCHEMA
 from bench.records.reference import Category, Status
 from bench.records.segmentation import Segmentation
 from bench.reporting.figures import figure_pixels
@@ -40,7 +38,7 @@ from tests.reporting.factories import (
     reference_object,
     segmentation,
 )
-from tests.support.result_rows import TableRows, object_row
+from tests.support.result_rows import TableRows, object_row, objects_table
 
 
 def processed(reference, detected):
@@ -227,8 +225,7 @@ def test_a_cluster_from_above_and_its_object_enlarged():
 def test_the_frame_where_an_object_fills_most_pixels_tells_of_its_category():
     rows = [object_row(n) | {"region_px": px} for n, px in enumerate((100, 300, 200))]
     rows.append(object_row(3) | {"region_px": 900, "status": "ignored"})
-    source = TableRows(pa.Table.from_pylist(rows, schema=OBJECTS_SCHEMA))
-    assert example_frames(source) == {Category.CROSSING: ("drive-1", "front", 100)}
+    assert example_frames(TableRows(objects_table(rows))) == {Category.CROSSING: ("drive-1", "front", 100)}
 
 
 def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_called(tmp_path):

@@ -1,14 +1,12 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from matplotlib.colors import to_rgba
 
 from bench.evaluation import load_protocol
 from bench.evaluation.definitions import HALF
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.rows import OBJECTS_SCHEMA
 from bench.records.reference import Direction
 from bench.reporting.figures import (
     HALF_TITLE,
@@ -19,9 +17,9 @@ from bench.reporting.figures import (
     draw_threshold_sweep,
     new_figure,
 )
-from tests.support.result_rows import TableRows, object_row
+from tests.support.result_rows import TableRows, object_row, objects_table
+from tests.support.tiny import OUTLINE_M
 
-OUTLINE_M = np.array([[-1.0, -0.9], [3.8, -0.9], [3.8, 0.9], [-1.0, 0.9]])
 EDGES_M = np.arange(-8.0, 9.0)
 
 
@@ -88,7 +86,7 @@ def test_the_curve_of_thresholds_has_coverage_across_and_recall_up():
 
 
 OBJECTS = [object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))]
-ROWS = TableRows(pa.Table.from_pylist(OBJECTS, schema=OBJECTS_SCHEMA))
+ROWS = TableRows(objects_table(OBJECTS))
 
 
 def test_half_of_the_core_is_half_or_more():

@@ -1,12 +1,11 @@
 """Rows of a result."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from bench.evaluation import Protocol, Summary, sum_run, summary_of
-from bench.evaluation.counts import ObjectCounts
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, to_frame
 
 
@@ -37,25 +36,13 @@ def frames_table(rows):
     return pa.Table.from_pylist(rows, schema=FRAMES_SCHEMA)
 
 
-# Of an object; a test says those that it is about.
-NO_COUNTS = dict.fromkeys((field.name for field in fields(ObjectCounts)), 0)
-
-
 def object_row(number):
     key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "track_id": "a"}
     what = {"object_class": "vehicle", "status": "evaluated", "reason": None, "category": "crossing"}
     where = {"direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5, "speed_mps": 2.0, "ego_speed_mps": 1.0}
-    counts = {
-        "points": 50,
-        "polygon_px": 100,
-        "region_px": 100,
-        "tp": 50,
-        "fn": 50,
-        "fp": 10,
-        "chance_tp": 5,
-        "unknown_px": 0,
-    }
-    return dict.fromkeys(OBJECTS_SCHEMA.names) | NO_COUNTS | key | what | where | counts
+    size = {"points": 50, "polygon_px": 100, "region_px": 100, "unknown_px": 0}
+    counts = {"tp": 50, "fn": 50, "fp": 10, "chance_tp": 5}
+    return dict.fromkeys(OBJECTS_SCHEMA.names) | key | what | where | size | counts
 
 
 def frame_row(number):

@@ -21,6 +21,7 @@ from bench.harness.stored import SUMS
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
 from tests.support.result_rows import TableRows, frame_row, frames_table, object_row, objects_table
+from tests.support.tiny import OUTLINE_M
 
 RECORDINGS, IMAGES = 8, 4
 REGION_PX, IMAGE_PX = 100, 640 * 480
@@ -46,27 +47,20 @@ def write_run(
     *,
     fp_px: int = 3072,
     protocol: str = "paper-v1",
-    dataset: str = "demo",
-    split: str | None = None,
-    method: str = "nothing",
-    settings: dict[str, object] | None = None,
     region_px: int = REGION_PX,
+    **of_run: object,
 ) -> Path:
-    """Store a run; all of its reference comes from the keys of `detected` and from `region_px`."""
+    """Store a run; all of its reference comes from `detected` and `region_px`, what else its manifest has `of_run`."""
     results = folder / protocol
     rules = load_protocol(protocol)
     objects, frames, sums, metrics = _counted(tuple(detected.items()), fp_px, region_px, protocol)
     write_counts(results, objects, frames)
     write_sums(sums, results / SUMS)
-    own = manifest(
-        dataset=dataset, card="nowhere.yaml", split=split, method=method, settings=settings, protocol=rules,
-        commit="0123456789+",
-    )  # fmt: skip
+    own = manifest(card="nowhere.yaml", protocol=rules, commit="0123456789+", **of_run)
     write_manifest(folder / ANSWERS_MANIFEST, own)
     stored.write_run(
-        results, metrics, protocol=rules, manifest=own,
-        provenance=provenance(images=len(frames)),
-        vehicle_outline_m=((-1.0, -0.9), (3.8, -0.9), (3.8, 0.9), (-1.0, 0.9)),
+        results, metrics, protocol=rules, manifest=own, provenance=provenance(images=len(frames)),
+        vehicle_outline_m=OUTLINE_M.tolist(),
     )  # fmt: skip
     return folder
 
@@ -85,8 +79,8 @@ def _counted(
 
 
 def _object(recording: int, image: int, category: str, px: int, region_px: int) -> dict[str, object]:
-    what = {"track_id": category, "category": category, "polygon_px": region_px, "region_px": region_px}
-    return object_row(0) | _key(recording, image) | what | {"tp": px, "fn": region_px - px}
+    what = {"track_id": category, "category": category, "region_px": region_px, "tp": px, "fn": region_px - px}
+    return object_row(0) | _key(recording, image) | what
 
 
 def _frame(recording: int, image: int, fp_px: int, region_px: int) -> dict[str, object]:
@@ -94,5 +88,4 @@ def _frame(recording: int, image: int, fp_px: int, region_px: int) -> dict[str, 
 
 
 def _key(recording: int, image: int) -> dict[str, object]:
-    times = {"timestamp_ns": image * 100_000_000, "ego_speed_mps": 1.0}
-    return {"recording": f"drive-{recording}", "camera": "front"} | times
+    return {"recording": f"drive-{recording}", "timestamp_ns": image * 100_000_000}

@@ -174,6 +174,7 @@ def test_it_names_paper_data_and_method_with_its_settings_and_the_command_that_d
     assert "Spherical formulation of geometric motion segmentation constraints in fisheye cameras" in about
     assert "(bench.methods.spherical.method:SphericalMethod); threshold = 0.0005." in about
     assert "12 images of 3 recordings" in about
+    assert text.count("Left out, without cases: preceding, approaching.") == 1
     (command,) = re.findall(r"fisheye-bench view [^<]*", text)
     assert "--set threshold=0.0005" in command
     assert command.endswith("--recording RECORDING --camera CAMERA --time-ns TIME")
@@ -182,11 +183,7 @@ def test_it_names_paper_data_and_method_with_its_settings_and_the_command_that_d
 def test_every_recording_has_a_row_that_leads_to_its_frames(tiny_run, tiny_page):
     text = tiny_page.read_text()
     section = text[text.index('<section id="recordings">') : text.index('<section id="around">')]
-    assert set(re.findall(r'href="#recording=([^"]+)">', section)) == {
-        "crossing",
-        "standing",
-        "overtaking",
-    }
+    assert set(re.findall(r'href="#recording=([^"]+)">', section)) == {"crossing", "standing", "overtaking"}
     objects, _ = read_tables(tiny_run / "paper-v1")
     scored = [row for row in objects.to_pylist() if row["status"] == "evaluated" and row["recording"] == "standing"]
     tpr = sum(row["tp"] / (row["tp"] + row["fn"]) for row in scored) / len(scored)
@@ -204,7 +201,7 @@ def test_the_same_bytes_twice_and_figures_for_papers_as_vectors(tiny_run, tiny_p
     assert all(file.read_bytes().startswith(b"%PDF") for file in files if file.suffix == ".pdf")
 
 
-def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
+def test_every_annotated_object_is_a_row(tiny_run):
     objects, _ = read_tables(tiny_run / "paper-v1")
     table, annotated = object_table(read_run(tiny_run), {})
     assert len(table.rows) == len(table.tags) == annotated == objects.num_rows
@@ -217,8 +214,6 @@ def test_every_annotated_object_is_a_row_the_least_covered_first(tiny_run):
             assert found["IoU %"] == f"{100 * row['tp'] / (row['tp'] + row['fn'] + row['fp']):.1f}"
         else:
             assert found["TPR %"] == found["IoU %"] == ""
-    covered = [float(row["TPR %"]) for row in rows_of(table) if row["TPR %"]]
-    assert covered == sorted(covered)
 
 
 def test_a_row_leads_to_its_own_box(tiny_run):
@@ -279,11 +274,3 @@ def test_without_answers_there_are_no_pictures_and_the_reason_is_said(tiny_run, 
     assert "expected answers of a run" in str(write_page(run)[1])
     shutil.rmtree(run / "answers")
     assert "the run holds no answer" in str(write_page(run)[1])
-
-
-def test_the_main_table_has_rows_with_cases_alone_and_names_the_others(tiny_page):
-    text = tiny_page.read_text()
-    section = text[text.index('<section id="results">') : text.index('<section id="splits">')]
-    labels = re.findall(r'<th scope="row">\s*([^<]*?)\s*<', section[: section.index("</table>")])
-    assert labels == ["Crossing", "Overtaking", "Static ego-vehicle", "All moving", "False positives"]
-    assert section.count("Left out, without cases: preceding, approaching.") == 1
