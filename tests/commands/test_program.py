@@ -25,7 +25,8 @@ from tests.support.commands import call, called_here, error_line, output_of
 def test_the_help_ends_where_the_docstring_turns_to_python_and_takes_that_of_options_from_there():
     told = " ".join(output_of("sweep", "--help").split())
     assert "Each value is a run in the sweep's folder." in told
-    assert "As in `run`; one may have several values instead of a parameter." in told
+    assert "Set a parameter of the method, as YAML; one parameter has several values" in told
+    assert "separated by commas (from Python a list); weights.epipolar names" in told
     assert not re.search("Args|Returns|progress|no-overwrite", told)
 
 
@@ -114,8 +115,6 @@ def commands(group, before=""):
 
 
 COMMANDS = dict(commands(typer.main.get_command(app)))
-
-
 EXAMPLES = [(name, line) for name, command in COMMANDS.items() for line in command.epilog.splitlines()[3:]]
 
 
