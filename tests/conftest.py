@@ -55,9 +55,10 @@ def made_once(shared: Path, name: str, make: Callable[[Path], object]) -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _settings_of_the_session(shared: Path) -> Iterator[None]:
-    """References are built once, outside of the user's cache; commands start no processes unless told to."""
+    """References are built once, outside of the user's cache; commands are given at a desk, and start no processes."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("FISHEYE_BENCH_CACHE", str(shared / "cache"))
+        patched.delenv("GITHUB_STEP_SUMMARY", raising=False)
         patched.setattr("bench.commands.options.worker_processes", lambda count: local_executor(count or 1))
         patched.setattr("typer.main.get_command", cache(get_command))
         yield

@@ -5,7 +5,6 @@ import threading
 from dataclasses import replace
 
 import pytest
-import yaml
 
 from bench.annotation import propose
 from bench.annotation.server import ReviewServer
@@ -15,6 +14,7 @@ from bench.recordings import load_card, open_dataset
 from bench.records.recording import NOT_ANNOTATED
 from tests.annotation.street import COARSE, street
 from tests.support.browser import headless_chromium
+from tests.support.cards import write_card
 from tests.support.reviews import DRIVE, proposed_from
 
 
@@ -29,10 +29,7 @@ def card(tiny_card, tmp_path):
     """A card of one rendered drive without its annotations."""
     shutil.copytree(tiny_card.parent / "data" / "tiny" / DRIVE, tmp_path / "data" / DRIVE)
     (tmp_path / "data" / DRIVE / "annotations.json").unlink()
-    file = tmp_path / "drives.yaml"
-    content = {"name": "drives", "title": "drives", "adapter": "native", "root": "data", "licence": "none"}
-    file.write_text(yaml.safe_dump(content | {"annotations": "annotations"}))
-    return file
+    return write_card(tmp_path, file="drives.yaml", name="drives", annotations="annotations")
 
 
 @pytest.fixture(scope="session")

@@ -10,27 +10,19 @@ from bench.annotation.drives import propose_drives
 from bench.annotation.store import read_review, review_file, write_review
 from bench.execution import SerialExecutor
 from bench.recordings import load_card, open_dataset
+from tests.support.cards import write_card
 from tests.support.commands import called_here, error_line
 from tests.support.drive import write_drive
 from tests.support.reviews import decided, judge
-
-CARD = """
-name: street
-title: A street
-adapter: native
-root: data
-licence: Apache-2.0
-"""
 
 
 @pytest.fixture
 def card(tmp_path, monkeypatch, proposals):
     """A data set of one drive, in this process; what is proposed there was computed once, for its few beams."""
     write_drive(tmp_path / "data" / "drive")
-    (tmp_path / "street.yaml").write_text(CARD)
     monkeypatch.setattr(module, "propose", lambda _: proposals)
     monkeypatch.setattr("bench.commands.options.worker_processes", lambda _: SerialExecutor())
-    return tmp_path / "street.yaml"
+    return write_card(tmp_path, file="street.yaml", name="street")
 
 
 def proposed(card):
@@ -78,27 +70,17 @@ def test_two_reviewers_are_compared(card):
     assert "false" in done.stdout
 
 
-def test_what_is_there_is_not_computed_again(card, monkeypatch):
+def test_what_is_there_is_not_computed_again_and_decisions_are_kept(card, monkeypatch):
     first = proposed(card)
     assert (first.objects, first.computed, first.failure) == (3, True, "")
-    assert not proposed(card).computed
-    monkeypatch.setattr(module, "CODE", (*module.CODE, "annotation/store.py"))  # as if it had changed
-    assert proposed(card).computed
-
-
-def test_other_sweeps_are_other_data(card):
-    proposed(card)
-    sweeps = sorted((card.parent / "data" / "drive").rglob("*.npz"))
-    sweeps[0].write_bytes(sweeps[1].read_bytes())
-    assert proposed(card).computed
-
-
-def test_decisions_are_kept(card, monkeypatch):
-    proposed(card)
     file = review_file(card.parent / "reviews", "drive")
     write_review(file, decided(read_review(file), judge("accept", "p001")))
-    monkeypatch.setattr(module, "CODE", (*module.CODE, "annotation/store.py"))
-    proposed(card)
+    assert not proposed(card).computed
+    sweeps = sorted((card.parent / "data" / "drive").rglob("*.npz"))
+    sweeps[0].write_bytes(sweeps[1].read_bytes())
+    assert proposed(card).computed, "other sweeps are other data"
+    monkeypatch.setattr(module, "CODE", (*module.CODE, "annotation/store.py"))  # as if it had changed
+    assert proposed(card).computed
     assert [decision.tracks for decision in read_review(file).decisions] == [("p001",)]
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bench.annotation import evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
-from bench.records.recording import NOT_ANNOTATED, Annotated
+from bench.records.recording import NOT_ANNOTATED, Annotated, Cuboid
 from tests.support.drive import OBJECTS, SWEEPS
 
 
@@ -40,14 +40,6 @@ def test_the_annotations_themselves_are_right(recording):
     assert set(frames["object_class"]) == {kind for kind, *_ in OBJECTS.values()}
 
 
-def test_what_is_not_proposed_is_missed(recording):
-    frames, scores = outcomes(recording, named(recording, "leader"))
-    assert scores["precision"] == 1.0
-    assert outcomes_of(frames, "rider") == {"missed"}
-    assert (frames["object"] == "rider").sum() == SWEEPS
-    assert outcomes_of(frames, "parked") == {"neutral"}
-
-
 def test_a_second_proposal_for_an_object_is_false(recording):
     _, scores = outcomes(recording, [*named(recording, "leader"), *named(recording, "leader", as_="again")])
     assert scores["precision"] == 0.5
@@ -68,22 +60,14 @@ def test_a_track_that_changes_its_name(recording):
     assert scores["switches"] == 1
 
 
-def changed(track, change):
-    """The track with another box in each state."""
-    states = tuple(replace(state, shape=replace(state.shape, **change(state.shape))) for state in track.states)
-    return replace(track, states=states)
-
-
 def test_errors_of_boxes_and_classes(recording):
     (rider,) = named(recording, "rider", as_="found")
     turn = RigidTransform(Rotation.from_euler("z", 30, degrees=True).as_matrix(), np.zeros(3))
-    found = changed(
-        replace(rider, object_class="pedestrian"),
-        lambda shape: {
-            "size_m": shape.size_m + np.array([0.1, 0.2, 1.5]),
-            "vehicle_from_object": shape.vehicle_from_object @ turn,
-        },
-    )
+    larger_m, states = np.array([0.1, 0.2, 1.5]), []
+    for state in rider.states:
+        pose, size_m = state.shape.vehicle_from_object, state.shape.size_m
+        states.append(replace(state, shape=Cuboid(vehicle_from_object=pose @ turn, size_m=size_m + larger_m)))
+    found = replace(rider, object_class="pedestrian", states=tuple(states))
     frames, scores = outcomes(recording, [found, *named(recording, "leader")])
     by_class = proposal_scores(frames, minutes=0.5).set_index(["range", "group"])
     assert by_class.loc[("all", "cyclist"), "size_error_p90"] == pytest.approx(1.5)

@@ -158,9 +158,3 @@ def test_the_command_serves_and_ends_with_an_interrupt(card, drive):
         rest, _ = running.communicate(timeout=20)
     assert (running.returncode, "Traceback" in rest) == (0, False)
     assert applied(store.read_review(file))["p000"].status == "accepted"
-
-
-def test_without_a_review_the_way_to_one_is_told(card, monkeypatch, capsys):
-    (card.parent / "annotations").mkdir()
-    told = error_line(monkeypatch, capsys, "annotate", "export", card, "--out", card.parent / "out")
-    assert "annotate propose" in told

@@ -23,10 +23,9 @@ class Page:
         opened(self.browser, self.server.url, **how)
         self.until("return D && drawn === i && [...images.values()].some(e => e.bitmap)")
 
-    def open_with(self, change):
+    def open_with(self, *tracks):
         """With other tracks."""
-        review = read_review(self.file)
-        write_review(self.file, review.model_copy(update={"tracks": change(*review.tracks)}))
+        write_review(self.file, read_review(self.file).model_copy(update={"tracks": tracks}))
         self.open()
 
     def until(self, script):
@@ -397,11 +396,8 @@ def test_what_cannot_be_stored_is_said(page):
 
 def test_a_hole_is_seen_in_the_list_and_in_the_timeline_and_filled_by_a_key_frame(closed_page):
     page = closed_page
-
-    def without_a_state(first, *others):
-        return first.model_copy(update={"states": (*first.states[:3], *first.states[4:])}), *others
-
-    page.open_with(without_a_state)
+    first, *others = read_review(page.file).tracks
+    page.open_with(first.model_copy(update={"states": (*first.states[:3], *first.states[4:])}), *others)
     page.js("choose('p000'); seek(3)")
     assert "hole of 1 sweep" in page.js("return document.querySelector('#why').textContent")
     assert "hole" in page.js("return document.querySelector('#tracks [aria-pressed=true]').textContent")
@@ -432,11 +428,8 @@ def test_the_timeline_has_the_rows_of_the_list(page):
 def test_labels_do_not_overlap_and_the_selected_one_is_always_there(closed_page):
     """Nine tracks at one place: some labels are beside, above and below, the others are left out."""
     page = closed_page
-
-    def copied(first, *others):
-        return first, *others, *(first.model_copy(update={"id": f"c{i}"}) for i in range(8))
-
-    page.open_with(copied)
+    first, *others = read_review(page.file).tracks
+    page.open_with(first, *others, *(first.model_copy(update={"id": f"c{i}"}) for i in range(8)))
     page.js("choose('c5'); seek(nearest(D.times, tracks.get('c5').times[1]))")
     page.until("return drawn === i && placed.some(p => p.name === 'c5')")
     labels = page.js("return placed")

@@ -84,13 +84,5 @@ def test_the_public_interface_is_as_the_snapshot_has_it():
     assert list(lines()) == SNAPSHOT.read_text("utf-8").splitlines(), "changed: if it is meant, see this module's text"
 
 
-def test_the_snapshot_sees_a_changed_signature_and_a_new_field():
-    def scored(mask, *, strict=False): ...
-
-    assert list(_described("x.scored", scored)) == ["x.scored(mask, *, strict=False)"]
-    schema = {"properties": {"a": {}, "b": {}}, "required": ["b"], "$defs": {"In": {"properties": {"c": {}}}}}
-    assert list(_fields("file x", schema)) == ["file x: a, b*", "file x In: c"]
-
-
 if __name__ == "__main__":
     SNAPSHOT.write_text("\n".join(lines()) + "\n", "utf-8")

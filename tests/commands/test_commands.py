@@ -2,8 +2,6 @@
 
 import shlex
 import shutil
-import subprocess
-import sys
 
 import pytest
 
@@ -194,13 +192,6 @@ def test_a_run_tells_less_or_more(monkeypatch, capsys, tiny_card, tmp_path):
     assert call(monkeypatch, "run", "nowhere.yaml", "-v") == 2
     assert "Traceback" in capsys.readouterr().err
     assert output_of("--version") == f"fisheye-bench {bench.__version__}\n"
-
-
-def test_python_m_bench_is_the_same_command():
-    done = subprocess.run(
-        [sys.executable, "-m", "bench", "list", "methods"], capture_output=True, text=True, check=True
-    )
-    assert "spherical" in done.stdout
 
 
 def test_version_tells_what_a_report_of_a_problem_needs(monkeypatch):

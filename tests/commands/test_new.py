@@ -99,8 +99,3 @@ def test_nothing_is_written_over(place, monkeypatch, capsys):
     assert "test_mine.py: expected a writable path, got a file that is there already" in told
     assert [path.name for path in place.iterdir()] == ["test_mine.py"]
     assert (place / "test_mine.py").read_text() == "precious"
-
-
-def test_the_names_of_the_docs_are_taken(place, monkeypatch):
-    for kind in ("method", "adapter", "dataset"):
-        assert call(monkeypatch, "new", kind, f"my-{kind}") == 0

@@ -5,6 +5,7 @@ Files that a command did not write are never replaced by its output; those that 
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -75,9 +76,8 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
     }
 
 
-def words_of(name: str, places: dict[str, str], out: Path) -> list[str]:
-    named = [places.get(str(word), str(word)) for word in COMMANDS[name]]
-    return [str(out) + word.removeprefix("OUT") if word.startswith("OUT") else word for word in named]
+def words_of(command: tuple[object, ...], places: dict[str, str], out: Path) -> list[str]:
+    return [re.sub("[A-Z]+", lambda name: str((places | {"OUT": out})[name[0]]), str(word)) for word in command]
 
 
 def one_line(told: str, *, about: Path) -> bool:
@@ -101,11 +101,6 @@ TAKEN = {
 }
 
 
-def placed(words, places: dict[str, str]) -> list[str]:
-    first = [str(word).partition("/") for word in words]
-    return ["".join([places.get(head, head), *rest]) for head, *rest in first]
-
-
 @pytest.mark.parametrize("name", TAKEN)
 def test_a_file_of_the_users_or_of_a_run_stays(monkeypatch, capsys, places, tmp_path, name):
     run, out = shutil.copytree(places["RUN"], tmp_path / "run"), tmp_path / "out"
@@ -114,7 +109,7 @@ def test_a_file_of_the_users_or_of_a_run_stays(monkeypatch, capsys, places, tmp_
     if there:
         (out / there).write_text("mine")
     before = {file: file.read_bytes() for file in [*out.iterdir(), *run.rglob("*")] if file.is_file()}
-    line = error_line(monkeypatch, capsys, *placed(words, places | {"RUN": str(run), "OUT": str(out)}))
+    line = error_line(monkeypatch, capsys, *words_of(words, places | {"RUN": str(run)}, out))
     assert "got a file that is there and is something else; move it away, or name another place" in line
     assert {file: file.read_bytes() for file in before} == before
 
@@ -122,7 +117,7 @@ def test_a_file_of_the_users_or_of_a_run_stays(monkeypatch, capsys, places, tmp_
 @slow
 @pytest.mark.parametrize("name", ["report", "compare", "leaderboard", "gate", "gate, junit"])
 def test_an_earlier_output_is_replaced(monkeypatch, places, tmp_path, name):
-    words = placed(TAKEN[name][0], places | {"OUT": str(tmp_path / "out")})
+    words = words_of(TAKEN[name][0], places, tmp_path / "out")
     assert call(monkeypatch, *words) == call(monkeypatch, *words) != 2
 
 
@@ -133,7 +128,7 @@ def test_a_place_that_cannot_be_made(monkeypatch, capsys, places, tmp_path, name
         pytest.importorskip("rerun")
     above = tmp_path / "above"
     above.write_text("a file")
-    assert call(monkeypatch, *words_of(name, places, above / "out")) == 2
+    assert call(monkeypatch, *words_of(COMMANDS[name], places, above / "out")) == 2
     told = capsys.readouterr().err
     assert one_line(told, about=above), told
     assert above.read_text() == "a file"
@@ -145,7 +140,7 @@ def test_a_full_disk(monkeypatch, capsys, places, tmp_path, name):
     if "log" in name:
         pytest.importorskip("rerun")
     with files_of(FILE_SIZE):
-        status = call(monkeypatch, *words_of(name, places, tmp_path / "out"))
+        status = call(monkeypatch, *words_of(COMMANDS[name], places, tmp_path / "out"))
     told = capsys.readouterr().err
     assert status == 2, told
     assert one_line(told, about=Path("crossing.json") if name == "import" else tmp_path), told  # it tries elsewhere
@@ -159,11 +154,11 @@ def test_a_full_disk(monkeypatch, capsys, places, tmp_path, name):
 def test_a_folder_or_a_device_in_the_place_of_a_file(monkeypatch, capsys, places, tmp_path, name):
     folder = tmp_path / ("out.mp4" if "video" in name else "out")
     folder.mkdir()
-    assert call(monkeypatch, *words_of(name, places, tmp_path / "out")) == 2
+    assert call(monkeypatch, *words_of(COMMANDS[name], places, tmp_path / "out")) == 2
     assert one_line(capsys.readouterr().err, about=folder)
     assert list(tmp_path.iterdir()) == [folder]
     if name != "view, video":
-        assert call(monkeypatch, *words_of(name, places, Path("/dev/full"))) == 2
+        assert call(monkeypatch, *words_of(COMMANDS[name], places, Path("/dev/full"))) == 2
         assert one_line(capsys.readouterr().err, about=Path("/dev/full"))
         assert Path("/dev/full").is_char_device()
 

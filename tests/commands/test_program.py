@@ -1,6 +1,4 @@
-"""How a function becomes a command, what the program prints, its examples, and how it ends where it cannot work."""
-
-from __future__ import annotations
+"""What the program prints, its help and examples, and how it ends where it cannot work."""
 
 import errno
 import io
@@ -9,76 +7,27 @@ import os
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
 import pytest
-import typer
 import typer.main
 from rich.console import Console
-from typer.testing import CliRunner
 
 from bench.commands import console
 from bench.commands.app import app, user_message
-from bench.commands.command import PATH, TEXT, Flag, Place, Words, command_line
 from bench.methods.settings import split_values
 from bench.recordings import load_card
 from bench.reporting.document import Table
 from tests.support import tiny
 from tests.support.cards import write_card
-from tests.support.commands import call, called_here, error_line
-
-if TYPE_CHECKING:
-    from nowhere import Thing
+from tests.support.commands import call, called_here, error_line, output_of
 
 
-def total(
-    *numbers: Annotated[int | Thing, typer.Argument(help="To add."), Words(int)],
-    times: Annotated[float, typer.Option("--by", metavar="N"), Words(str, float, default="2")] = 1.0,
-    name: Annotated[str | Thing | None, typer.Option(), TEXT] = None,
-    out: Annotated[str | Path | None, typer.Option(), PATH] = None,
-    progress: Thing | None = None,
-) -> Thing:
-    """Add numbers.
-
-    All of them.
-
-    Args:
-        numbers: to add.
-        times: how often,
-            and again.
-
-    Returns:
-        All that was given.
-    """
-    return sum(numbers) * times, name, out, progress
-
-
-def show(record, *, very_loud: Flag = False, copy: Place = None) -> int:
-    print(record, "!" if very_loud else "", copy)  # noqa: T201
-    return 3 if record[0] > 10 else 0
-
-
-@pytest.fixture(scope="module")
-def program():
-    added = typer.Typer(rich_markup_mode=None)
-    added.command()(command_line(total, show))
-    return lambda *words: CliRunner().invoke(added, words)
-
-
-def test_words_become_what_the_function_takes_and_show_gives_the_status(program, capsys):
-    done = program("1", "2", "--name", "x", "--out", "a/b", "--very-loud")
-    assert (done.exit_code, done.output) == (0, f"{(6.0, 'x', Path('a/b'), None)} ! None\n"), "twice, as its default"
-    assert program("4", "--by", "3").exit_code == 3
-    assert total(1, 2) == (3.0, None, None, None), "from Python it is the function alone"
-    assert capsys.readouterr().out == ""
-
-
-def test_the_help_ends_where_the_docstring_turns_to_python_and_takes_that_of_options_from_there(program):
-    told = " ".join(program("--help").output.split())
-    assert "All of them." in told
-    assert "To add." in told
-    assert "How often, and again." in told
-    assert not re.search("Args|progress|no-very-loud", told)
+def test_the_help_ends_where_the_docstring_turns_to_python_and_takes_that_of_options_from_there():
+    told = " ".join(output_of("sweep", "--help").split())
+    assert "Each value is a run in the sweep's folder." in told
+    assert "Set a parameter of the method, as YAML; one parameter has several values" in told
+    assert "separated by commas (from Python a list); weights.epipolar names" in told
+    assert not re.search("Args|Returns|progress|no-overwrite", told)
 
 
 @pytest.fixture
@@ -166,8 +115,6 @@ def commands(group, before=""):
 
 
 COMMANDS = dict(commands(typer.main.get_command(app)))
-
-
 EXAMPLES = [(name, line) for name, command in COMMANDS.items() for line in command.epilog.splitlines()[3:]]
 
 

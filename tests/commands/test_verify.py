@@ -129,12 +129,8 @@ def flip(rows) -> None:
     rows[2]["mask"] = np.packbits(bits).tobytes()
 
 
-def evaluated(rows) -> dict:
-    return next(row for row in rows if row["status"] == "evaluated" and row["tp"] > 0)
-
-
 def raise_tp(rows) -> None:
-    row = evaluated(rows)
+    row = next(row for row in rows if row["status"] == "evaluated" and row["tp"] > 0)
     row["tp"], row["fn"] = row["tp"] - 1, row["fn"] + 1
 
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bench.annotation.formats.conversion import store_labels
 from bench.egomotion import Trajectory, planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep, write_sweep
-from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
+from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Recording, SweepRef, Track
 from bench.records.recording import NOT_ANNOTATED
 
 SWEEPS = 6
@@ -25,11 +26,12 @@ VEHICLE_FROM_LIDAR = RigidTransform(
     Rotation.from_euler("xyz", [0.01, -0.02, 0.3]).as_matrix(), np.array([1.2, 0.1, 1.8])
 )
 EGO_MPS, EGO_RADPS = 4.0, 0.2
-CAR_MPS = np.array([7.0, 1.0, 0.0])  # world axes
-CAR_RADPS = 0.3
 SIZES_M = {"car": (4.4, 1.8, 1.5), "walker": (0.6, 0.7, 1.8), "parked": (4.0, 1.7, 1.4)}
 CLASSES = {"car": "vehicle", "walker": "pedestrian", "parked": "vehicle"}
-WALKER_MPS = np.array([0.0, -1.2, 0.0])
+PLACES_M = {"car": (6.0, 3.5, 0.75), "walker": (9.0, -2.0, 0.9), "parked": (12.0, -4.5, 0.7)}  # at first, world frame
+SPEEDS_MPS = {"car": np.array([7.0, 1.0, 0.0]), "walker": np.array([0.0, -1.2, 0.0]), "parked": np.zeros(3)}
+HEADINGS_RAD = {"car": 0.2, "walker": -1.5, "parked": 0.1}
+TURNS_RADPS = {"car": 0.3, "walker": 0.0, "parked": 0.0}
 POINTS = 40  # on each object
 GROUND = 60
 
@@ -39,13 +41,9 @@ def about_axes(*angles_rad: float) -> list[np.ndarray]:
     return [Rotation.from_euler(axis, angle).as_matrix() for axis, angle in zip("xyz", angles_rad, strict=True)]
 
 
-def box_tracks(*names: str) -> tuple[Track, ...]:
-    """These objects, or all of them, as boxes at every sweep."""
-    return tuple(box_track(name) for name in names or SIZES_M)
-
-
-def seconds(time_ns: float) -> float:
-    return (time_ns - FIRST_NS) / 1e9
+def box_tracks() -> tuple[Track, ...]:
+    """All objects as boxes at every sweep."""
+    return tuple(map(box_track, SIZES_M))
 
 
 @cache
@@ -56,18 +54,9 @@ def trajectory() -> Trajectory:
 
 
 def world_from_object(name: str, time_ns: float) -> RigidTransform:
-    s = seconds(time_ns)
-    height = SIZES_M[name][2] / 2
-    match name:
-        case "car":
-            return RigidTransform.from_yaw(0.2 + CAR_RADPS * s, np.array([6.0, 3.5, height]) + CAR_MPS * s)
-        case "walker":
-            return RigidTransform.from_yaw(-1.5, np.array([9.0, -2.0, height]) + WALKER_MPS * s)
-    return RigidTransform.from_yaw(0.1, (12.0, -4.5, height))
-
-
-def velocity_world_mps(name: str) -> np.ndarray:
-    return {"car": CAR_MPS, "walker": WALKER_MPS}.get(name, np.zeros(3))
+    seconds = (time_ns - FIRST_NS) / 1e9
+    heading_rad = HEADINGS_RAD[name] + TURNS_RADPS[name] * seconds
+    return RigidTransform.from_yaw(heading_rad, np.array(PLACES_M[name]) + SPEEDS_MPS[name] * seconds)
 
 
 @cache
@@ -94,12 +83,12 @@ def sweep(index: int) -> tuple[LidarSweep, dict[str, np.ndarray]]:
     return made, {name: np.array(found) for name, found in rows.items()}
 
 
-def recording(root: Path, *, names: tuple[str, ...] | None = None) -> Recording:
-    """The street on disk; sweeps are called 000000.npz and on, or by `names`."""
+def recording(root: Path) -> Recording:
+    """The street on disk; sweeps are called 000000.npz and on."""
     (root / "lidar").mkdir(parents=True, exist_ok=True)
     refs = []
     for i, time_ns in enumerate(TIMES_NS):
-        path = root / "lidar" / f"{names[i] if names else f'{i:06d}'}.npz"
+        path = root / "lidar" / f"{i:06d}.npz"
         write_sweep(path, sweep(i)[0])
         refs.append(SweepRef(timestamp_ns=time_ns, path=path, reader=read_sweep))
     return Recording(
@@ -125,13 +114,29 @@ def box_track(name: str, *, told: bool = True) -> Track:
         shape = Cuboid(
             vehicle_from_object=vehicle_from_world @ world_from_object(name, time_ns), size_m=np.array(SIZES_M[name])
         )
-        velocity = vehicle_from_world.rotate(velocity_world_mps(name)) if told else np.full(3, np.nan)
-        turn = CAR_RADPS if name == "car" and told else 0.0
+        velocity = vehicle_from_world.rotate(SPEEDS_MPS[name]) if told else np.full(3, np.nan)
+        turn = TURNS_RADPS[name] if told else 0.0
         states.append(ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=velocity, yaw_rate_radps=turn))
     return Track(track_id=name, object_class=CLASSES[name], states=tuple(states))
 
 
-def assert_same_boxes(found, expected, *, within=1e-9):
+def full_tracks() -> tuple[Track, Track]:
+    """Everything that annotations can say."""
+    car = box_track("car")
+    first = replace(car.states[0], category="crossing", unclear=True)
+    outline = GroundPolygon(outline_m=np.array([[4.0, 1.0], [5.0, 1.0], [5.0, 2.0]]), bottom_m=0.1, top_m=1.7)
+    indexed = PointIndices(indices=np.array([3, 1, 4]), sweep_timestamp_ns=TIMES_NS[1])
+    walker = (
+        ObjectState(timestamp_ns=TIMES_NS[1], shape=outline, velocity_mps=np.array([0.0, 1.0, 0.0])),
+        ObjectState(timestamp_ns=TIMES_NS[1] + 33_000_000, shape=indexed, velocity_mps=np.full(3, np.nan)),
+    )
+    return (
+        replace(car, states=(first, *car.states[1:]), instance_id=9),
+        Track(track_id="the walker", object_class="pedestrian", states=walker),
+    )
+
+
+def assert_same_boxes(found, expected):
     """Same objects, times, places, sizes and headings; velocities and the rest are compared elsewhere."""
     told = [
         [(track.track_id, track.object_class, [state.timestamp_ns for state in track.states]) for track in tracks]
@@ -142,14 +147,12 @@ def assert_same_boxes(found, expected, *, within=1e-9):
         for state, true in zip(one.states, other.states, strict=True):
             assert isinstance(state.shape, Cuboid)
             matrix = true.shape.vehicle_from_object.matrix
-            assert state.shape.vehicle_from_object.matrix == pytest.approx(matrix, abs=within)
-            assert state.shape.size_m == pytest.approx(true.shape.size_m, abs=within)
+            assert state.shape.vehicle_from_object.matrix == pytest.approx(matrix, abs=1e-9)
+            assert state.shape.size_m == pytest.approx(true.shape.size_m, abs=1e-9)
 
 
 def written(format_, tracks, recording, folder):
     """Write tracks into a folder; what the format cannot hold."""
     files, lost = format_.write(replace(recording, tracks=tuple(tracks)))
-    for name, content in files.items():
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(content)
+    store_labels(folder, files)
     return lost

@@ -12,6 +12,7 @@ from bench.annotation.formats import LabelOptions, import_labels
 from bench.commands.annotate import open_unannotated
 from bench.recordings import load_card
 from tests.support import tiny
+from tests.support.cards import write_card
 
 SECTION = (Path(__file__).parents[3] / "docs/your-data.md").read_text("utf-8").partition("### A table of boxes")[2]
 HEAD, *EXAMPLES = re.findall(r"```python\n(.*?)```", SECTION, flags=re.DOTALL)
@@ -41,9 +42,7 @@ def argoverse(time_ns):
 def test_the_example_makes_a_table_that_is_imported(tmp_path, monkeypatch, number):
     tool = (sustechpoints, argoverse)[number]
     tiny.write_recording(tmp_path / "data/drive-1")
-    (tmp_path / "my-data.yaml").write_text(
-        "name: mine\ntitle: one drive\nadapter: native\nroot: data\nlicence: CC0-1.0\n"
-    )
+    write_card(tmp_path, file="my-data.yaml")
     monkeypatch.chdir(tmp_path)
     name = tool(TIME_NS)
     exec(HEAD + EXAMPLES[number], {})

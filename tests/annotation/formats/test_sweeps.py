@@ -4,8 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from bench.annotation.formats import LabelOptions
 from bench.annotation.formats.conversion import pair_with_sweeps, recording_times
@@ -16,11 +14,6 @@ from tests.annotation.formats import street
 
 SOURCE = Path("labels")
 PLAIN = LabelOptions()
-
-
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory):
-    return street.recording(tmp_path_factory.mktemp("drive"))
 
 
 def with_sweeps(recording, *stems):
@@ -51,8 +44,8 @@ TIME = str(street.FIRST_NS + street.STEP_NS)
         (["50", "51", "52"], ["0", "1"], -1, {"0": "51", "1": "52"}),
     ],
 )
-def test_frames_pair_by_name_time_or_count(bare, stems, names, first_frame, expected):
-    assert paired(names, with_sweeps(bare, *stems), LabelOptions(first_frame=first_frame)) == expected
+def test_frames_pair_by_name_time_or_count(drive, stems, names, first_frame, expected):
+    assert paired(names, with_sweeps(drive, *stems), LabelOptions(first_frame=first_frame)) == expected
 
 
 @pytest.mark.parametrize(
@@ -69,30 +62,17 @@ def test_frames_pair_by_name_time_or_count(bare, stems, names, first_frame, expe
         *[("abc", ["0", name], None, "--first-frame") for name in ("-1", "3", "x", "", "9" * 40, "1.0")],
     ],
 )
-def test_frames_that_fit_nothing_are_named_and_none_is_shifted(bare, stems, names, first_frame, told):
+def test_frames_that_fit_nothing_are_named_and_none_is_shifted(drive, stems, names, first_frame, told):
     with pytest.raises(DataError, match=told):
-        paired(names, with_sweeps(bare, *stems), LabelOptions(first_frame=first_frame))
+        paired(names, with_sweeps(drive, *stems), LabelOptions(first_frame=first_frame))
 
 
-@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=8, unique=True), st.data())
-def test_frames_pair_with_their_own_sweep_or_not_at_all(bare, numbers, data):
-    recording = with_sweeps(bare, *(f"{number:010d}" for number in sorted(numbers)))
-    asked = data.draw(st.lists(st.integers(0, 10**9), min_size=1, max_size=8, unique=True))
-    try:
-        found = paired(list(map(str, asked)), recording)
-    except DataError:
-        assert not set(asked) <= set(numbers)
-    else:
-        assert {int(name): int(stem) for name, stem in found.items()} == {number: number for number in asked}
-
-
-def test_times_near_a_sweep_are_the_sweeps_and_others_stay(bare):
-    recording = with_sweeps(bare, "a", "b")
+def test_times_near_a_sweep_are_the_sweeps_and_others_stay(drive):
+    recording = with_sweeps(drive, "a", "b")
     first, second = street.FIRST_NS, street.FIRST_NS + street.STEP_NS
     found = recording_times([first + 256, second - 999_999, first + 50_000_000], recording, source=SOURCE, field="t")
     assert found == [first, second, first + 50_000_000]
     for wrong in (first // 10**9, first // 1000, first - 2 * 10**9):
-        with pytest.raises(
-            DataError, match=f"expected times of the recording, {first} to .*got {wrong} ns; .*--time-unit"
-        ):
+        told = f"expected times of the recording, {first} to .*got {wrong} ns; .*--time-unit"
+        with pytest.raises(DataError, match=told):
             recording_times([wrong], recording, source=SOURCE, field="t")

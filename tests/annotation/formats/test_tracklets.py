@@ -102,20 +102,12 @@ def test_frames_of_a_list_pair_by_name_and_never_by_number(tmp_path, drive):
     assert not any("all 6 sweeps" in line for line in label_set.lost)
 
 
-NAMED, EACH_ONCE = (
-    "expected frames named like the 6 sweeps, 000000 to 000005, got",
-    "number and name of a frame, each once",
-)
-
-
 @pytest.mark.parametrize(
     ("lines", "first_frame", "told"),
     [
         (["0 000000"], None, r"frame_list\.txt: expected a line for each frame that tracklets have, got none for 1"),
-        (["0 cloud_000", "1 cloud_001"], None, f"{NAMED} cloud_000"),
-        (["0 000000", "1 1000001"], None, f"{NAMED} 1000001; name"),
-        (["0 000000", "1 0"], None, "expected one frame for each sweep, got '000000' and '0'"),
-        *((["0 000000", line], None, f"line 2: expected {EACH_ONCE}, got '{line}'")
+        (["0 cloud_000", "1 cloud_001"], None, "expected frames named like the 6 sweeps, .*, got cloud_000"),
+        *((["0 000000", line], None, f"line 2: expected number and name of a frame, each once, got '{line}'")
           for line in ("1 000000", "000001", "0 000001")),
         (["0 000000", "1 000001"], 1, "expected frames by name or by number, got --first-frame 1 as well"),
     ],
@@ -151,8 +143,6 @@ def test_ids_in_attributes_join_what_is_one_object(tmp_path, drive):
         (document(item(pose(), kind=" ")), "item 0.objectType: expected a class, got nothing"),
         (document(item(pose(), first="1.5")), "item 0.first_frame: expected a whole number, got '1.5'"),
         (document(item(pose(), first=9 * 10**9)), "first_frame: expected a whole number"),
-        (document(item(pose(), first=9)), "frames: expected frames named like the 6 sweeps"),
-        (document(item(pose(), kind="Yeti")), "classes: expected classes that map to one of .*got 'Yeti'"),
         (document("<item><objectType>Car</objectType></item>"), "item 0.h: expected 1 numbers, got 0"),
         ("<a/>", "expected boost_serialization with tracklets, got a"),
         ("<boost_serialization><b/></boost_serialization>", "expected boost_serialization with tracklets"),
