@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from _pytest.terminal import TerminalReporter
 from hypothesis import settings
 from markupsafe import Markup
 from typer.main import get_command
@@ -32,6 +33,31 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def pytest_collection_finish() -> None:
     """Keep libraries and tests out of every later look for garbage, a tenth of the time of what runs here."""
     gc.freeze()
+
+
+LONG_S = 2.0  # of processor time, of this process and those that it waited for
+LONG = Path(__file__).with_name("long_tests.txt")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Measure the processor time of a test, which other work on the machine leaves as it is."""
+    before = sum(os.times()[:4])
+    yield
+    item.user_properties.append(("processor_s", sum(os.times()[:4]) - before))
+
+
+def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
+    """List tests that take long and are neither marked as slow nor named in `long_tests.txt`."""
+    spent = {
+        report.nodeid: dict(report.user_properties).get("processor_s", 0.0)
+        for report in terminalreporter.getreports("passed")
+        if report.when == "call" and "slow" not in report.keywords
+    }
+    named = LONG.read_text().splitlines()
+    new = {test: spent_s for test, spent_s in spent.items() if spent_s > LONG_S and test.partition("[")[0] not in named}
+    for test, spent_s in sorted(new.items(), key=lambda entry: -entry[1]):
+        terminalreporter.write_line(f"{spent_s:.1f} s of processor time, split it or mark it as slow: {test}")
 
 
 @pytest.fixture(scope="session")

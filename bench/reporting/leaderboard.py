@@ -269,7 +269,7 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
     for place in sorted(places):
         run = place.parent
         name = run.relative_to(folder).as_posix() if folder in run.parents else run.resolve().name
-        if not (place / SUMMARY).is_file():
+        if not (place / SUMMARY).exists():
             not_ranked.append((f"{name}/{place.name}", "not finished; the same `fisheye-bench run` goes on from there"))
             continue
         try:
