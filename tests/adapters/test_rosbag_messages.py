@@ -129,15 +129,8 @@ def test_compressed_images():
 
 def test_compressed_images_that_lie():
     pixels = np.zeros((48, 64), dtype=np.uint8)
-    cases = {
-        "image size: expected 64 x 48 px, as the rig file says, got 60 x 48": cv2.imencode(".png", pixels[:, :60])[1],
-        "expected a whole PNG or JPEG file, got 4 bytes that begin with 52 49 46 46": b"RIFF",
-    }
-    message = bags.compressed(TIME_NS, pixels)
-    for told, content in cases.items():
-        message.data = np.frombuffer(bytes(content), dtype=np.uint8)
-        with pytest.raises(DataError, match=told):
-            compressed(message)
+    with pytest.raises(DataError, match="image size: expected 64 x 48 px, as the rig file says, got 60 x 48"):
+        compressed(bags.compressed(TIME_NS, pixels[:, :60]))
     with pytest.raises(DataError, match=r"format: expected JPEG or PNG, got '16UC1; compressedDepth png'"):
         compressed(bags.compressed(TIME_NS, pixels, ".png", "16UC1; compressedDepth png"))
 

@@ -45,7 +45,7 @@ BLACK = png(64, 48, rows=bytes(65 * 48))
 IMAGES = {  # content and what is told
     "missing": (None, "expected an image file"),
     "empty": (b"", f"{WHOLE}an empty file"),
-    "text": (b"not an image", f"{WHOLE}12 bytes that begin with"),
+    "text": (b"not an image", f"{WHOLE}12 bytes that begin with 6e 6f 74"),
     "nothing but the signature": (b"\x89PNG\r\n\x1a\n", "a PNG cut short at 8 bytes"),
     "30000 x 30000 px": (png(30_000, 30_000, rows=bytes(30_001 * 8)), "at most 67108864 px, got 30000 x 30000"),
     "the largest header": (png(2**31 - 1, 2**31 - 1), "at most 67108864 px"),
