@@ -165,7 +165,7 @@ def test_excluded_frames_are_named_by_their_number(root):
     assert recording.images["image_02"][0].timestamp_ns == tiny.time_ns(5)
 
 
-def test_a_long_gap_stays_open_unless_the_car_stood(root):
+def test_a_long_gap_stays_open_unless_the_car_stood_and_one_pose_is_none(root):
     poses, times_ns = root / "data_poses" / tiny.SEQUENCE / "poses.txt", np.array([tiny.time_ns(n) for n in range(12)])
     first, *_, last = poses.read_text().splitlines()
     poses.write_text(f"{first}\n{last}\n")
@@ -174,6 +174,9 @@ def test_a_long_gap_stays_open_unless_the_car_stood(root):
     trajectory = opened(root).trajectory
     assert trajectory.at(times_ns)[2].tolist() == [False, *[True] * 11]
     assert trajectory.velocity_vehicle_mps(tiny.time_ns(6)) == pytest.approx([0, 0, 0], abs=1e-9)
+    poses.write_text(f"{first}\n")
+    with pytest.raises(DataError, match=r"poses\.txt: expected at least two poses, got 1"):
+        opened(root)
 
 
 def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
@@ -181,7 +184,7 @@ def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
     file.write_text("".join(f"{tiny.stamp(n)}\n" for n in range(3)))
     clock = read_clock(file, [4391, 4392, 4394])
     assert clock.times_ns == {4391: tiny.time_ns(0), 4392: tiny.time_ns(1), 4394: tiny.time_ns(2)}
-    with pytest.raises(DataError, match=r"expected a line for each frame up to 9, got 3 lines"):
+    with pytest.raises(DataError, match=r"timestamps\.txt: expected a line for each frame up to 9, got 3 lines"):
         read_clock(file, [8, 9])
 
 
