@@ -1,8 +1,8 @@
 """Stored runs that others sent: nothing in them is imported, and what is damaged in them ends a command in one line."""
 
-import json
 import os
 import shutil
+from functools import partial
 
 import pytest
 
@@ -10,6 +10,7 @@ from tests.support import tiny
 from tests.support.cards import write_card
 from tests.support.commands import call, error_line
 from tests.support.limits import at_most
+from tests.support.planting import change_json
 from tests.support.runs import score
 from tests.support.stored_files import change_manifest
 
@@ -88,23 +89,14 @@ def a_device(file):
     file.symlink_to("/dev/zero")
 
 
-def edited(change):
-    def edit(file):
-        content = json.loads(file.read_text())
-        change(content)
-        file.write_text(json.dumps(content))
-
-    return edit
-
-
 OF_ALL, OF_TABLES = ("report", "gate", "compare", "leaderboard", "verify"), ("report", "compare", "verify")
 DAMAGE = {  # file, what is done to it, and the commands that read it
     "not UTF-8": ("summary.json", not_text, OF_ALL),
     "cut short": ("summary.json", cut, OF_ALL),
     "a pipe": ("summary.json", a_pipe, OF_ALL),
     "a device": ("summary.json", a_device, ("report", "gate")),
-    "a figure missing": ("summary.json", edited(lambda c: c["all_moving"].pop("iou")), OF_ALL),
-    "a version to come": ("summary.json", edited(lambda c: c.update(schema_version=99)), OF_ALL),
+    "a figure missing": ("summary.json", partial(change_json, change=lambda c: c["all_moving"].pop("iou")), OF_ALL),
+    "a version to come": ("summary.json", partial(change_json, change=lambda c: c.update(schema_version=99)), OF_ALL),
     "a protocol in a pipe": ("protocol.json", a_pipe, ("report",)),
     "sums that are no text": ("sums.csv", not_text, ("gate", "compare", "verify")),
     "sums in a pipe": ("sums.csv", a_pipe, ("gate",)),
