@@ -37,11 +37,6 @@ def boxes_file(root):
     return root / "data_3d_bboxes" / "train" / f"{tiny.SEQUENCE}.xml"
 
 
-def in_vehicle(frame, points_global):
-    pose = tiny.global_from_vehicle(frame)
-    return (points_global - pose[:3, 3]) @ pose[:3, :3]
-
-
 def test_sensors_stand_where_calibration_and_sensor_plan_put_them_and_a_frame_is_one_instant(root):
     recording = opened(root)
     assert recording.vehicle_from_lidar.matrix == pytest.approx(tiny.VEHICLE_FROM_LIDAR)
@@ -78,7 +73,7 @@ def test_the_moving_car_is_one_track_that_is_where_it_was(root):
         assert state.timestamp_ns == tiny.time_ns(n)
         box = state.shape
         assert box.size_m == pytest.approx(tiny.CAR_SIZE)
-        assert box.vehicle_from_object.translation_m == pytest.approx(in_vehicle(n, tiny.car_centre(n)), abs=1e-4)
+        assert box.vehicle_from_object.translation_m == pytest.approx(tiny.in_vehicle(n, tiny.car_centre(n)), abs=1e-4)
         assert box.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-6)
         assert state.velocity_mps == pytest.approx([tiny.CAR_MPS, 0, 0], abs=1e-3)
         assert not state.unclear
@@ -101,7 +96,7 @@ def test_what_stands_stands_at_every_frame_near_it(root):
     parked = tracks["26004"].states
     assert len(parked) == 10
     for n, state in enumerate(parked, start=1):
-        expected = in_vehicle(n, (tiny.global_from_vehicle(6) @ [8, 4, 0.8, 1])[:3])
+        expected = tiny.in_vehicle(n, (tiny.global_from_vehicle(6) @ [8, 4, 0.8, 1])[:3])
         assert state.shape.vehicle_from_object.translation_m == pytest.approx(expected, abs=1e-4)
         assert state.velocity_mps.tolist() == [0, 0, 0]
         assert not state.unclear

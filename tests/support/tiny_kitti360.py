@@ -92,10 +92,14 @@ def surface(steps: int = 12) -> np.ndarray:
     return grid[np.abs(grid).max(axis=1) > 0.48] * CAR_SIZE
 
 
+def in_vehicle(frame: float, points_global: np.ndarray) -> np.ndarray:
+    pose = global_from_vehicle(frame)
+    return (points_global - pose[:3, 3]) @ pose[:3, :3]
+
+
 def car_at(frame: float) -> np.ndarray:
     """The car's surface in the vehicle frame of the same time, (N, 3)."""
-    world = car_centre(frame) + surface() @ rotation_z(HEADING_RAD).T
-    return (world - global_from_vehicle(frame)[:3, 3]) @ global_from_vehicle(frame)[:3, :3]
+    return in_vehicle(frame, car_centre(frame) + surface() @ rotation_z(HEADING_RAD).T)
 
 
 @cache
