@@ -58,19 +58,19 @@ def read_by(reader):
     return lambda recording: {"sweeps": tuple(replace(sweep, reader=reader) for sweep in recording.sweeps)}
 
 
-def with_first_image(**changes):
-    def change(recording):
-        first, *others = recording.images["front"]
-        return {"images": {"front": (replace(first, **changes), *others)}}
-
-    return change
+def with_images(change):
+    return lambda recording: {"images": {"front": tuple(change(recording.images["front"]))}}
 
 
 FAULTS = {  # what is told, and the parts of a recording that are others
     "name: expected 'drive', as listed, got 'other'": lambda _: {"name": "other"},
-    "images.front: expected times that increase": with_first_image(timestamp_ns=tiny.TIMES_NS[2] + 1),
-    "expected times as int nanoseconds, got float": with_first_image(timestamp_ns=float(tiny.TIMES_NS[0])),
-    "images.front: expected files below": with_first_image(path=Path(__file__)),
+    "images.front: expected times that increase": with_images(reversed),
+    "images.front: expected times as int nanoseconds, got float": with_images(
+        lambda images: (replace(image, timestamp_ns=float(image.timestamp_ns)) for image in images)
+    ),
+    "images.front: expected files below": with_images(
+        lambda images: (replace(image, path=Path(__file__)) for image in images)
+    ),
     "tracks: expected each id once, got ['van'] twice": lambda recording: {"tracks": recording.tracks[:1] * 2},
     "tracks, van: expected a class of pedestrian, cyc": lambda recording: {
         "tracks": (replace(recording.tracks[0], object_class="tram"),)
