@@ -125,14 +125,6 @@ def test_answers_that_are_cut_short_are_found_by_verify(folder, monkeypatch, cap
     assert "status evaluated, counted again failed" in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_pipe_among_the_masks_of_another_program(folder, monkeypatch, capsys):
-    (folder / "masks/front").mkdir(parents=True)
-    os.mkfifo(folder / f"masks/front/{tiny.TIMES_NS[1]}.png")
-    with at_most(60):
-        assert call(monkeypatch, "evaluate", folder / "x.yaml", "--predictions", folder / "masks") == 2
-    assert "1 unusable" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("damage", [not_text, a_pipe])
 @pytest.mark.parametrize("name", ["sums.csv", "manifest.json"])
 def test_baselines(folder, monkeypatch, capsys, name, damage):

@@ -135,14 +135,6 @@ def test_nothing_waits_for_what_is_no_file(tmp_path, what):
         read(tmp_path / "9.png")
 
 
-def test_images_of_other_depths_come_as_8_bits():
-    for pixels in (np.full((48, 64), 40_000, np.uint16), np.full((48, 64, 4), 90, np.uint8)):
-        content = cv2.imencode(".png", pixels)[1].tobytes()
-        for colour, shape in ((False, (48, 64)), (True, (48, 64, 3))):
-            seen = decode_image(content, colour=colour, file=Path("9.png"))
-            assert (seen.dtype, seen.shape) == (np.uint8, shape)
-
-
 def test_an_image_has_the_size_of_the_calibration_and_truth_is_sixteen_bits_where_there_is_some(root, tmp_path):
     path = tmp_path / "1.png"
     cv2.imwrite(str(path), np.zeros((48, 60), np.uint8))
