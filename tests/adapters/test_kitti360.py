@@ -27,12 +27,6 @@ def root(tmp_path):
 opened = partial(data_sets.opened, "kitti360", **tiny.OPTIONS)
 
 
-def replaced(path, old, new, count=1):
-    content = path.read_text()
-    assert old in content
-    path.write_text(content.replace(old, new, count))
-
-
 def boxes_file(root):
     return root / "data_3d_bboxes" / "train" / f"{tiny.SEQUENCE}.xml"
 
@@ -81,9 +75,7 @@ def test_the_moving_car_is_one_track_that_is_where_it_was(root):
 
 def test_a_car_drawn_backwards_along_another_axis_drives_forward(root):
     axes = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # the box's y is behind
-    for n in range(1, 11):
-        kind = {"label": "car", "semantic": 13, "instance": 3, "centre": tiny.car_centre(n), "size": tiny.CAR_SIZE}
-        replaced(boxes_file(root), tiny.object_xml(n, **kind, frame=n), tiny.object_xml(n, **kind, frame=n, axes=axes))
+    boxes_file(root).write_text(tiny.boxes_xml(axes=axes))
     track = next(t for t in opened(root).tracks if t.track_id == "26003")
     for state in track.states:
         assert state.shape.size_m == pytest.approx(tiny.CAR_SIZE)
@@ -118,7 +110,7 @@ def test_a_rider_and_their_bicycle_are_one_cyclist(root):
                 rows.append(tiny.object_xml(100 * n + semantic, **kind, centre=centre, size=size, frame=n))
     parked = {"label": "bicycle", "semantic": 18, "instance": 8, "centre": start + forward * 5 + [0.0, 0.0, 0.5]}
     rows.append(tiny.object_xml(90, **parked, size=(1.8, 0.5, 1.0), frame=-1))
-    replaced(boxes_file(root), "</opencv_storage>", "".join(rows) + "</opencv_storage>")
+    boxes_file(root).write_text(tiny.boxes_xml(more="".join(rows)))
     cyclists = {t.track_id: t for t in opened(root).tracks if t.object_class == "cyclist"}
     assert set(cyclists) == {"25007+33007", "33008"}
     states = cyclists["25007+33007"].states

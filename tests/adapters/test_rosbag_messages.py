@@ -205,7 +205,6 @@ SEC = TIME_NS / 1e9
 TIMES = [  # of any unit: tests/lidar
     ("t", "<u4", [0, 1000, 99_999_999], {}, [0, 1000, 99_999_999]),
     ("timestamp", ">f8", [SEC, SEC - 0.05, SEC - 0.1], {}, [0, -50_000_000, -100_000_000]),
-    ("t", "<u4", [0, 50_000, 100_000], {"time_unit": "us"}, [0, 50_000_000, 100_000_000]),
     ("stamp_of_point", "<f4", [0, 50, 100], {"time_field": "stamp_of_point", "time_unit": "ms"}, [0, 5e7, 1e8]),
 ]
 

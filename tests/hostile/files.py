@@ -138,7 +138,6 @@ PCD_FILES = {
     "a trillion points": pcd(10**12, body=bytes(120)),
     "a negative number of points": pcd(-5, body=bytes(120)),
     "no number of points": pcd(10, POINTS="many", body=bytes(120)),
-    "columns of three bytes": pcd(10, SIZE="3 3 3", body=bytes(160)),
     "columns without end": pcd(10, COUNT="999999999 1 1", body=bytes(160)),
     "text of words": pcd(2, data="ascii", body=b"1 2 3\n4 five 6\n"),
     "text of too few numbers": pcd(2, data="ascii", body=b"1 2 3\n4 5\n"),

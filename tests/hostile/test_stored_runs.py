@@ -1,11 +1,11 @@
 """Stored runs that others sent: nothing in them is imported, and what is damaged in them ends a command in one line."""
 
-import os
 import shutil
 from functools import partial
 
 import pytest
 
+from tests.hostile.files import NO_FILES
 from tests.support import tiny
 from tests.support.cards import write_card
 from tests.support.commands import call, error_line
@@ -79,14 +79,12 @@ def not_text(file):
     file.write_bytes(b"\xff\xfe" + file.read_bytes())
 
 
-def a_pipe(file):
+def replaced(file, what):
     file.unlink()
-    os.mkfifo(file)
+    NO_FILES[what](file)
 
 
-def a_device(file):
-    file.unlink()
-    file.symlink_to("/dev/zero")
+a_pipe, a_device = (partial(replaced, what=what) for what in ("pipe", "device"))
 
 
 OF_ALL, OF_TABLES = ("report", "gate", "compare", "leaderboard", "verify"), ("report", "compare", "verify")

@@ -141,11 +141,10 @@ def object_xml(
     return f"<object{number}>{told}{boxed}</object{number}>\n"
 
 
-def boxes_xml() -> str:
-    moving = [
-        object_xml(n, label="car", semantic=13, instance=3, centre=car_centre(n), size=CAR_SIZE, frame=n)
-        for n in range(1, 11)
-    ]
+def boxes_xml(*, axes=None, more: str = "") -> str:
+    """Those of the data set, the moving car's drawn along `axes`, and more objects."""
+    car = {"label": "car", "semantic": 13, "instance": 3, "size": CAR_SIZE, "axes": axes}
+    moving = [object_xml(n, **car, centre=car_centre(n), frame=n) for n in range(1, 11)]
     beside = global_from_vehicle(6) @ np.array([[8, 4, 0.8, 1], [3, -9, 0.9, 1], [0, 40, 5, 1.0], [600, 4, 1, 1]]).T
     parked, person, house, far = beside.T[:, :3]
     return (
@@ -155,7 +154,7 @@ def boxes_xml() -> str:
         + object_xml(51, label="person", semantic=19, instance=1, centre=person, size=(0.6, 0.5, 1.8))
         + object_xml(52, label="building", semantic=11, instance=0, centre=house, size=(20.0, 10.0, 10.0))
         + object_xml(53, label="car", semantic=13, instance=5, centre=far, size=(4.0, 1.7, 1.4))
-        + "<object54><label>sky</label><timestamp>-1</timestamp></object54>\n</opencv_storage>\n"
+        + f"<object54><label>sky</label><timestamp>-1</timestamp></object54>\n{more}</opencv_storage>\n"
     )
 
 
