@@ -195,10 +195,6 @@ def test_boxes_that_were_not_named_but_move_are_unclear(root):
     assert all(state.unclear for state in tracks["dynamic-0"].states)
 
 
-def scan_file(root, frame=6):
-    return root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points" / "data" / f"{frame:010d}.bin"
-
-
 def test_the_card_of_the_data_set_opens_a_part_of_it(root, monkeypatch):
     monkeypatch.setenv("KITTI360_DATASET", str(root))
     card = load_card("kitti-360")
@@ -218,8 +214,9 @@ def real_root(root):
         target = root / "calibration" / path.name
         target.unlink(missing_ok=True)
         shutil.copyfile(path, target)
+    scans = root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points/data"
     for frame, path in ((6, "0000003000.bin"), (7, "0000003001.bin")):
-        shutil.copyfile(REAL / "kitti360/data_3d_raw/velodyne_points" / path, scan_file(root, frame))
+        shutil.copyfile(REAL / "kitti360/data_3d_raw/velodyne_points" / path, scans / f"{frame:010d}.bin")
     return root
 
 

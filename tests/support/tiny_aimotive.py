@@ -47,19 +47,10 @@ def box(frame: int) -> dict:
 
 
 def calibration() -> dict:
-    return {
-        "F_LRR_C": {"sensor_type": "radar"},
-        CAMERA: {
-            "model": "mei",
-            "xi": 1.02,
-            "focal_length_px": [28.0, 25.0],
-            "principal_point_px": [32.0, 17.5],
-            "distortion_coeffs": [0.027, -0.08, 0, 0, 0],
-            "image_resolution_px": [WIDTH, HEIGHT],
-            "RT_body_from_sensor": BODY_FROM_CAMERA,
-            "label": CAMERA,
-        },
-    }
+    lens = {"model": "mei", "xi": 1.02, "focal_length_px": [28.0, 25.0], "principal_point_px": [32.0, 17.5]}
+    lens |= {"distortion_coeffs": [0.027, -0.08, 0, 0, 0], "image_resolution_px": [WIDTH, HEIGHT]}
+    camera = lens | {"RT_body_from_sensor": BODY_FROM_CAMERA, "label": CAMERA}
+    return {"F_LRR_C": {"sensor_type": "radar"}, CAMERA: camera}
 
 
 def box_file(folder: Path, frame: int) -> Path:
