@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.cameras import RollingShutter, UnifiedCamera
 from bench.errors import DataError
@@ -101,25 +102,18 @@ def test_ego_motion_stays_inside_the_data_set(folder, tmp_path):
 
 
 # A place in the Black Forest, and the axes east, north and up there.
-LATITUDE, LONGITUDE = np.radians(48.0), np.radians(8.0)
-NORMAL_RADIUS_M = 6_378_137.0 / np.sqrt(1.0 - 0.00669437999014 * np.sin(LATITUDE) ** 2)
-EARTH_FROM_LOCAL = np.array(
-    [
-        [-np.sin(LONGITUDE), -np.sin(LATITUDE) * np.cos(LONGITUDE), np.cos(LATITUDE) * np.cos(LONGITUDE)],
-        [np.cos(LONGITUDE), -np.sin(LATITUDE) * np.sin(LONGITUDE), np.cos(LATITUDE) * np.sin(LONGITUDE)],
-        [0.0, np.cos(LATITUDE), np.sin(LATITUDE)],
-    ]
-)
-PLACE_M = (
-    np.array([NORMAL_RADIUS_M, NORMAL_RADIUS_M, NORMAL_RADIUS_M * (1 - 0.00669437999014)]) * EARTH_FROM_LOCAL[:, 2]
-)
+LATITUDE_DEG, LONGITUDE_DEG, ECCENTRICITY_SQUARED = 48.0, 8.0, 0.00669437999014
+EARTH_FROM_LOCAL = Rotation.from_euler("ZX", [90 + LONGITUDE_DEG, 90 - LATITUDE_DEG], degrees=True).as_matrix()
+EAST, NORTH, UP = EARTH_FROM_LOCAL.T
+NORMAL_RADIUS_M = 6_378_137.0 / np.sqrt(1.0 - ECCENTRICITY_SQUARED * UP[2] ** 2)
+PLACE_M = NORMAL_RADIUS_M * np.array([1.0, 1.0, 1.0 - ECCENTRICITY_SQUARED]) * UP
 
 
 def egomotion(frame):
     """Northwards at 30 m/s on level ground."""
     pose = np.eye(4)
-    pose[:3, :3] = EARTH_FROM_LOCAL @ [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    pose[:3, 3] = PLACE_M + EARTH_FROM_LOCAL[:, 1] * tiny.EGO_MPS * frame * tiny.STEP_NS / 1e9
+    pose[:3, :3] = np.column_stack([NORTH, -EAST, UP])
+    pose[:3, 3] = PLACE_M + NORTH * tiny.EGO_MPS * frame * tiny.STEP_NS / 1e9
     return {"RT_ECEF_body": pose.tolist(), "time_host": "unused"}
 
 
@@ -148,14 +142,12 @@ def test_the_data_sets_own_odometry(own_odometry, tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected JSON"),
         ("[1, 2]", "expected an object, got [1, 2]"),
         ('{"1": {}, "../x": {}}', "expected poses of two frames at least, of those from 100 to 102, got 0"),
         ('{"100": {}}', "100.RT_ECEF_body: expected a value, got nothing"),
-        ('{"100": {"RT_ECEF_body": [[1, 2], [3]]}}', "100.RT_ECEF_body.0.2: expected a value, got nothing"),
         (f'{{"100": {{"RT_ECEF_body": {[[2, 0, 0, 0]] * 4}}}}}', "100.RT_ECEF_body: expected a rotation without scale"),
     ],
-    ids=range(6),
+    ids=range(4),
 )
 def test_faults_of_the_odometry(own_odometry, tmp_path, text, message):
     own_odometry.write_text(text)

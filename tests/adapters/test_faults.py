@@ -85,6 +85,7 @@ FAULTS = [
     ("kitti360", BOXES, "<rows>4</rows>", "<rows>5</rows>", "transform.data: expected 20 numbers, got 16"),
     ("kitti360", BOXES, "<rows>8</rows>", "<rows>99999999</rows>", "vertices.data: expected 299999997 numbers"),
     ("kitti360", BOXES, "<rows>8</rows>", "<rows>-8</rows>", "vertices: expected rows and cols"),
+    ("kitti360", BOXES, "</opencv_storage>", "", "expected well-formed XML"),
     ("kitti360", BOXES, "-0.5", "0.5", "transform: expected a box with length, width and height"),
     ("kitti360", BOXES, "<end_frame>10", "<end_frame>0", "end_frame: expected 1 or later, got 0"),
     ("kitti360", BOXES, "<timestamp>1<", "<timestamp>-7<", "timestamp: expected a frame number"),
@@ -109,19 +110,6 @@ def test_a_fault_is_told_with_its_place(whole, refused, adapter, file, old, new,
     content = (whole(adapter)[0] / file).read_bytes()
     assert old.encode() in content
     assert message in refused(adapter, file, content.replace(old.encode(), new.encode()))
-
-
-@pytest.mark.parametrize(
-    ("file", "keep", "message"),
-    [
-        (POSES, lambda lines: lines[:1], "expected at least two poses, got 1"),
-        (TIMES, lambda lines: lines[:5], "expected a line for each frame up to 11, got 5 lines"),
-        (BOXES, lambda lines: lines[: len(lines) // 2], "expected well-formed XML"),
-    ],
-)
-def test_lines_that_are_missing(whole, refused, file, keep, message):
-    lines = (whole("kitti360")[0] / file).read_bytes().splitlines()
-    assert message in refused("kitti360", file, b"\n".join(keep(lines)))
 
 
 TEXT_FILES = {

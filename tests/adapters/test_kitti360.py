@@ -27,19 +27,8 @@ def root(tmp_path):
 opened = partial(data_sets.opened, "kitti360", **tiny.OPTIONS)
 
 
-def replaced(path, old, new, count=1):
-    content = path.read_text()
-    assert old in content
-    path.write_text(content.replace(old, new, count))
-
-
 def boxes_file(root):
     return root / "data_3d_bboxes" / "train" / f"{tiny.SEQUENCE}.xml"
-
-
-def in_vehicle(frame, points_global):
-    pose = tiny.global_from_vehicle(frame)
-    return (points_global - pose[:3, 3]) @ pose[:3, :3]
 
 
 def test_sensors_stand_where_calibration_and_sensor_plan_put_them_and_a_frame_is_one_instant(root):
@@ -78,7 +67,7 @@ def test_the_moving_car_is_one_track_that_is_where_it_was(root):
         assert state.timestamp_ns == tiny.time_ns(n)
         box = state.shape
         assert box.size_m == pytest.approx(tiny.CAR_SIZE)
-        assert box.vehicle_from_object.translation_m == pytest.approx(in_vehicle(n, tiny.car_centre(n)), abs=1e-4)
+        assert box.vehicle_from_object.translation_m == pytest.approx(tiny.in_vehicle(n, tiny.car_centre(n)), abs=1e-4)
         assert box.vehicle_from_object.rotation == pytest.approx(np.eye(3), abs=1e-6)
         assert state.velocity_mps == pytest.approx([tiny.CAR_MPS, 0, 0], abs=1e-3)
         assert not state.unclear
@@ -86,9 +75,7 @@ def test_the_moving_car_is_one_track_that_is_where_it_was(root):
 
 def test_a_car_drawn_backwards_along_another_axis_drives_forward(root):
     axes = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # the box's y is behind
-    for n in range(1, 11):
-        kind = {"label": "car", "semantic": 13, "instance": 3, "centre": tiny.car_centre(n), "size": tiny.CAR_SIZE}
-        replaced(boxes_file(root), tiny.object_xml(n, **kind, frame=n), tiny.object_xml(n, **kind, frame=n, axes=axes))
+    boxes_file(root).write_text(tiny.boxes_xml(axes=axes))
     track = next(t for t in opened(root).tracks if t.track_id == "26003")
     for state in track.states:
         assert state.shape.size_m == pytest.approx(tiny.CAR_SIZE)
@@ -101,7 +88,7 @@ def test_what_stands_stands_at_every_frame_near_it(root):
     parked = tracks["26004"].states
     assert len(parked) == 10
     for n, state in enumerate(parked, start=1):
-        expected = in_vehicle(n, (tiny.global_from_vehicle(6) @ [8, 4, 0.8, 1])[:3])
+        expected = tiny.in_vehicle(n, (tiny.global_from_vehicle(6) @ [8, 4, 0.8, 1])[:3])
         assert state.shape.vehicle_from_object.translation_m == pytest.approx(expected, abs=1e-4)
         assert state.velocity_mps.tolist() == [0, 0, 0]
         assert not state.unclear
@@ -123,7 +110,7 @@ def test_a_rider_and_their_bicycle_are_one_cyclist(root):
                 rows.append(tiny.object_xml(100 * n + semantic, **kind, centre=centre, size=size, frame=n))
     parked = {"label": "bicycle", "semantic": 18, "instance": 8, "centre": start + forward * 5 + [0.0, 0.0, 0.5]}
     rows.append(tiny.object_xml(90, **parked, size=(1.8, 0.5, 1.0), frame=-1))
-    replaced(boxes_file(root), "</opencv_storage>", "".join(rows) + "</opencv_storage>")
+    boxes_file(root).write_text(tiny.boxes_xml(more="".join(rows)))
     cyclists = {t.track_id: t for t in opened(root).tracks if t.object_class == "cyclist"}
     assert set(cyclists) == {"25007+33007", "33008"}
     states = cyclists["25007+33007"].states
@@ -165,7 +152,7 @@ def test_excluded_frames_are_named_by_their_number(root):
     assert recording.images["image_02"][0].timestamp_ns == tiny.time_ns(5)
 
 
-def test_a_long_gap_stays_open_unless_the_car_stood(root):
+def test_a_long_gap_stays_open_unless_the_car_stood_and_one_pose_is_none(root):
     poses, times_ns = root / "data_poses" / tiny.SEQUENCE / "poses.txt", np.array([tiny.time_ns(n) for n in range(12)])
     first, *_, last = poses.read_text().splitlines()
     poses.write_text(f"{first}\n{last}\n")
@@ -174,6 +161,9 @@ def test_a_long_gap_stays_open_unless_the_car_stood(root):
     trajectory = opened(root).trajectory
     assert trajectory.at(times_ns)[2].tolist() == [False, *[True] * 11]
     assert trajectory.velocity_vehicle_mps(tiny.time_ns(6)) == pytest.approx([0, 0, 0], abs=1e-9)
+    poses.write_text(f"{first}\n")
+    with pytest.raises(DataError, match=r"poses\.txt: expected at least two poses, got 1"):
+        opened(root)
 
 
 def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
@@ -181,7 +171,7 @@ def test_a_drive_whose_first_frames_were_cut_off(tmp_path):
     file.write_text("".join(f"{tiny.stamp(n)}\n" for n in range(3)))
     clock = read_clock(file, [4391, 4392, 4394])
     assert clock.times_ns == {4391: tiny.time_ns(0), 4392: tiny.time_ns(1), 4394: tiny.time_ns(2)}
-    with pytest.raises(DataError, match=r"expected a line for each frame up to 9, got 3 lines"):
+    with pytest.raises(DataError, match=r"timestamps\.txt: expected a line for each frame up to 9, got 3 lines"):
         read_clock(file, [8, 9])
 
 
@@ -205,10 +195,6 @@ def test_boxes_that_were_not_named_but_move_are_unclear(root):
     assert all(state.unclear for state in tracks["dynamic-0"].states)
 
 
-def scan_file(root, frame=6):
-    return root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points" / "data" / f"{frame:010d}.bin"
-
-
 def test_the_card_of_the_data_set_opens_a_part_of_it(root, monkeypatch):
     monkeypatch.setenv("KITTI360_DATASET", str(root))
     card = load_card("kitti-360")
@@ -228,8 +214,9 @@ def real_root(root):
         target = root / "calibration" / path.name
         target.unlink(missing_ok=True)
         shutil.copyfile(path, target)
+    scans = root / "data_3d_raw" / tiny.SEQUENCE / "velodyne_points/data"
     for frame, path in ((6, "0000003000.bin"), (7, "0000003001.bin")):
-        shutil.copyfile(REAL / "kitti360/data_3d_raw/velodyne_points" / path, scan_file(root, frame))
+        shutil.copyfile(REAL / "kitti360/data_3d_raw/velodyne_points" / path, scans / f"{frame:010d}.bin")
     return root
 
 

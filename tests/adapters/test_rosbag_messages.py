@@ -129,15 +129,8 @@ def test_compressed_images():
 
 def test_compressed_images_that_lie():
     pixels = np.zeros((48, 64), dtype=np.uint8)
-    cases = {
-        "image size: expected 64 x 48 px, as the rig file says, got 60 x 48": cv2.imencode(".png", pixels[:, :60])[1],
-        "expected a whole PNG or JPEG file, got 4 bytes that begin with 52 49 46 46": b"RIFF",
-    }
-    message = bags.compressed(TIME_NS, pixels)
-    for told, content in cases.items():
-        message.data = np.frombuffer(bytes(content), dtype=np.uint8)
-        with pytest.raises(DataError, match=told):
-            compressed(message)
+    with pytest.raises(DataError, match="image size: expected 64 x 48 px, as the rig file says, got 60 x 48"):
+        compressed(bags.compressed(TIME_NS, pixels[:, :60]))
     with pytest.raises(DataError, match=r"format: expected JPEG or PNG, got '16UC1; compressedDepth png'"):
         compressed(bags.compressed(TIME_NS, pixels, ".png", "16UC1; compressedDepth png"))
 
@@ -212,7 +205,6 @@ SEC = TIME_NS / 1e9
 TIMES = [  # of any unit: tests/lidar
     ("t", "<u4", [0, 1000, 99_999_999], {}, [0, 1000, 99_999_999]),
     ("timestamp", ">f8", [SEC, SEC - 0.05, SEC - 0.1], {}, [0, -50_000_000, -100_000_000]),
-    ("t", "<u4", [0, 50_000, 100_000], {"time_unit": "us"}, [0, 50_000_000, 100_000_000]),
     ("stamp_of_point", "<f4", [0, 50, 100], {"time_field": "stamp_of_point", "time_unit": "ms"}, [0, 5e7, 1e8]),
 ]
 

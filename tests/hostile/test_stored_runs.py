@@ -1,15 +1,16 @@
 """Stored runs that others sent: nothing in them is imported, and what is damaged in them ends a command in one line."""
 
-import json
-import os
 import shutil
+from functools import partial
 
 import pytest
 
+from tests.hostile.files import NO_FILES
 from tests.support import tiny
 from tests.support.cards import write_card
 from tests.support.commands import call, error_line
 from tests.support.limits import at_most
+from tests.support.planting import change_json
 from tests.support.runs import score
 from tests.support.stored_files import change_manifest
 
@@ -78,23 +79,12 @@ def not_text(file):
     file.write_bytes(b"\xff\xfe" + file.read_bytes())
 
 
-def a_pipe(file):
+def replaced(file, what):
     file.unlink()
-    os.mkfifo(file)
+    NO_FILES[what](file)
 
 
-def a_device(file):
-    file.unlink()
-    file.symlink_to("/dev/zero")
-
-
-def edited(change):
-    def edit(file):
-        content = json.loads(file.read_text())
-        change(content)
-        file.write_text(json.dumps(content))
-
-    return edit
+a_pipe, a_device = (partial(replaced, what=what) for what in ("pipe", "device"))
 
 
 OF_ALL, OF_TABLES = ("report", "gate", "compare", "leaderboard", "verify"), ("report", "compare", "verify")
@@ -103,8 +93,8 @@ DAMAGE = {  # file, what is done to it, and the commands that read it
     "cut short": ("summary.json", cut, OF_ALL),
     "a pipe": ("summary.json", a_pipe, OF_ALL),
     "a device": ("summary.json", a_device, ("report", "gate")),
-    "a figure missing": ("summary.json", edited(lambda c: c["all_moving"].pop("iou")), OF_ALL),
-    "a version to come": ("summary.json", edited(lambda c: c.update(schema_version=99)), OF_ALL),
+    "a figure missing": ("summary.json", partial(change_json, change=lambda c: c["all_moving"].pop("iou")), OF_ALL),
+    "a version to come": ("summary.json", partial(change_json, change=lambda c: c.update(schema_version=99)), OF_ALL),
     "a protocol in a pipe": ("protocol.json", a_pipe, ("report",)),
     "sums that are no text": ("sums.csv", not_text, ("gate", "compare", "verify")),
     "sums in a pipe": ("sums.csv", a_pipe, ("gate",)),
@@ -131,14 +121,6 @@ def test_answers_that_are_cut_short_are_found_by_verify(folder, monkeypatch, cap
     cut(sorted((folder / "runs/everything").glob("answers/**/*.parquet"))[0])
     assert call(monkeypatch, *COMMANDS["verify"](folder)) == 1
     assert "status evaluated, counted again failed" in " ".join(capsys.readouterr().out.split())
-
-
-def test_a_pipe_among_the_masks_of_another_program(folder, monkeypatch, capsys):
-    (folder / "masks/front").mkdir(parents=True)
-    os.mkfifo(folder / f"masks/front/{tiny.TIMES_NS[1]}.png")
-    with at_most(60):
-        assert call(monkeypatch, "evaluate", folder / "x.yaml", "--predictions", folder / "masks") == 2
-    assert "1 unusable" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("damage", [not_text, a_pipe])

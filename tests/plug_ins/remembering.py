@@ -13,9 +13,6 @@ class Remembering(Method):
     def __init__(self):
         self._background = None
 
-    def settings(self):
-        return {}
-
     def segment(self, frame):
         image = frame.images[-1].astype(np.float32)
         before = image if self._background is None else self._background

@@ -22,8 +22,9 @@ class Troubled(Method):
 
     def segment(self, frame):
         folder = Path(os.environ[FOLDER])
-        for file in folder.glob(f"{frame.recording}.*"):
-            TROUBLES[file.suffix[1:]](file)
+        for name, trouble in TROUBLES.items():
+            if (file := folder / f"{frame.recording}.{name}").exists():
+                trouble(file)
         return Segmentation(cell_size_px=1, mask=frame.images[-1] > frame.images[-2])
 
 
@@ -54,9 +55,4 @@ def want_memory(_):
     np.ones(1 << 55)
 
 
-def stay_out(_):
-    """What a trouble leaves behind."""
-
-
 TROUBLES = {"wait": wait, "kill_once": kill_once, "abort": abort, "want_memory": want_memory}
-TROUBLES |= {f"{name}-noted": stay_out for name in TROUBLES}

@@ -157,10 +157,7 @@ FAULTS = [
     (minimal(cuboid=[BOX | {"colour": "red"}]), f"{PLACE}.cuboid.0.colour: expected no such key, got 'red'"),
     (minimal(poly2d=[OUTLINE]), f"{PLACE}: expected with a poly2d the numbers bottom_m and top_m"),
     (minimal(poly2d=[OUTLINE | {"val": [0, 0, 1, 0, 1, 1, 2]}]), "an even number of values"),
-    (
-        minimal(poly2d=[OUTLINE | {"val": [0.0] * 2002}]),
-        "poly2d.0.val: expected Tuple should have at most 2000 items",
-    ),
+    (minimal(poly2d=[OUTLINE | {"val": [0.0] * 2002}]), "poly2d.0.val: expected Tuple should have at most 2000 items"),
     (minimal(poly2d=[OUTLINE], num=HEIGHTS), "the numbers bottom_m and top_m, which is above it"),
     (minimal(vec=named("point_indices", [1])), "expected with point_indices a number named sweep_timestamp_ns"),
     (minimal(cuboid=[BOX], vec=named("velocity_mps", [1.0, 2.0])), "velocity_mps.val.2: expected a value"),

@@ -9,15 +9,6 @@ from tests.support.data_sets import DATA_SETS, card_of
 
 KITTI, AIMOTIVE, PAIR = tiny_kitti360.SEQUENCE, tiny_aimotive.SEQUENCE, tiny_woodscape.NAMES[0]
 RAW = f"{tiny_kitti_raw.DATE}/{tiny_kitti_raw.DRIVE}"
-TOPS = {  # folders at the top, which may lie on other disks
-    "kitti-raw": (tiny_kitti_raw.DATE,),
-    "kitti360": ("data_2d_raw", "data_3d_raw", "data_poses", "data_3d_bboxes", "calibration"),
-    "woodscape": ("rgb_images", "vehicle_data", "motion_annotations"),
-    "aimotive": ("data",),
-    "native": ("drive",),
-    "rosbag": ("drive",),
-    "123d": ("drives_test",),
-}
 INNER = [
     ("kitti-raw", f"{RAW}/velodyne_points/data"),
     ("kitti-raw", f"{RAW}/tracklet_labels.xml"),
@@ -56,8 +47,9 @@ def opened(folder, adapter, options):
 def test_folders_at_the_top_may_be_links(tmp_path, adapter):
     options = DATA_SETS[adapter](tmp_path / "data")
     (whole,) = opened(tmp_path, adapter, options)
-    for top in TOPS[adapter]:
-        move_away(tmp_path / "data" / top, tmp_path / "disk")
+    for top in [path for path in (tmp_path / "data").iterdir() if path.is_dir()]:
+        if top.name != "derived":  # of a file that an option names
+            move_away(top, tmp_path / "disk")
     (linked,) = opened(tmp_path, adapter, options)
     assert [ref.timestamp_ns for ref in linked.sweeps] == [ref.timestamp_ns for ref in whole.sweeps]
     assert linked.images.keys() == whole.images.keys()

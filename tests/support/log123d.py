@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from bench.cameras import RadialPolynomialCamera
 from bench.geometry import RigidTransform
-from bench.recordings import read_image
+from bench.recordings import open_native, read_image
 from bench.records.recording import Cuboid, Recording
 from tests.support import tiny
 
@@ -174,13 +174,8 @@ def install_library(folder: Path) -> Path:
 
 
 def tiny_recording(folder: Path) -> Recording:
-    from bench.recordings.native import open_native
-
     return open_native(tiny.write_recording(folder / "drive"))
 
 
 def write_data_set(root: Path) -> None:
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        write_log(tiny_recording(Path(folder)), root)
+    write_log(tiny_recording(root.with_name("native")), root)

@@ -30,44 +30,27 @@ OPTIONS = {
 }
 
 
+def numbers(name: str, axes: str, *values: float) -> dict:
+    return {f"{name} {axis}": value for axis, value in zip(axes, values, strict=True)}
+
+
 def box(frame: int) -> dict:
-    half_rad = 0.5 * TURN_RADPS * frame * STEP_NS / 1e9
-    return {
-        "ActorName": "VAN 01",
-        "BoundingBox3D Extent X": 5.0,
-        "BoundingBox3D Extent Y": 2.0,
-        "BoundingBox3D Extent Z": 2.2,
-        "BoundingBox3D Orientation Quat W": float(np.cos(half_rad)),
-        "BoundingBox3D Orientation Quat X": 0,
-        "BoundingBox3D Orientation Quat Y": 0,
-        "BoundingBox3D Orientation Quat Z": float(np.sin(half_rad)),
-        "BoundingBox3D Origin X": 2.0 + RELATIVE_MPS * frame * STEP_NS / 1e9,
-        "BoundingBox3D Origin Y": -4.0,
-        "BoundingBox3D Origin Z": 1.0,
-        "ObjectId": 1,
-        "ObjectType": "VAN",
-        "Occluded": 0,
-        "Relative Velocity X": RELATIVE_MPS,
-        "Relative Velocity Y": 0.25,
-        "Relative Velocity Z": 0.0,
-        "Truncated": 0,
-    }
+    seconds = frame * STEP_NS / 1e9
+    half_rad = 0.5 * TURN_RADPS * seconds
+    return (
+        {"ActorName": "VAN 01", "ObjectId": 1, "ObjectType": "VAN", "Occluded": 0, "Truncated": 0}
+        | numbers("BoundingBox3D Extent", "XYZ", 5.0, 2.0, 2.2)
+        | numbers("BoundingBox3D Orientation Quat", "WXYZ", np.cos(half_rad), 0, 0, np.sin(half_rad))
+        | numbers("BoundingBox3D Origin", "XYZ", 2.0 + RELATIVE_MPS * seconds, -4.0, 1.0)
+        | numbers("Relative Velocity", "XYZ", RELATIVE_MPS, 0.25, 0.0)
+    )
 
 
 def calibration() -> dict:
-    return {
-        "F_LRR_C": {"sensor_type": "radar"},
-        CAMERA: {
-            "model": "mei",
-            "xi": 1.02,
-            "focal_length_px": [28.0, 25.0],
-            "principal_point_px": [32.0, 17.5],
-            "distortion_coeffs": [0.027, -0.08, 0, 0, 0],
-            "image_resolution_px": [WIDTH, HEIGHT],
-            "RT_body_from_sensor": BODY_FROM_CAMERA,
-            "label": CAMERA,
-        },
-    }
+    lens = {"model": "mei", "xi": 1.02, "focal_length_px": [28.0, 25.0], "principal_point_px": [32.0, 17.5]}
+    lens |= {"distortion_coeffs": [0.027, -0.08, 0, 0, 0], "image_resolution_px": [WIDTH, HEIGHT]}
+    camera = lens | {"RT_body_from_sensor": BODY_FROM_CAMERA, "label": CAMERA}
+    return {"F_LRR_C": {"sensor_type": "radar"}, CAMERA: camera}
 
 
 def box_file(folder: Path, frame: int) -> Path:
@@ -77,13 +60,8 @@ def box_file(folder: Path, frame: int) -> Path:
 def write_data_set(root: Path) -> Path:
     folder = root / SEQUENCE
     images = folder / "sensor/camera" / CAMERA
-    for place in (
-        images,
-        folder / "sensor/calibration",
-        folder / "dynamic/raw-revolutions",
-        folder / "dynamic/box/3d_body",
-    ):
-        place.mkdir(parents=True)
+    for place in (f"sensor/camera/{CAMERA}", "sensor/calibration", "dynamic/raw-revolutions", "dynamic/box/3d_body"):
+        (folder / place).mkdir(parents=True)
     (folder / "sensor/calibration/calibration.json").write_text(json.dumps(calibration()))
     lines = ["# made up", "frame,box_ns,front,rear"]
     for frame in range(3):

@@ -26,7 +26,6 @@ VEHICLE_FROM_IMU = np.array([[1, 0, 0, -0.04], [0, -1, 0, 0.3], [0, 0, -1, 0.9],
 VEHICLE_FROM_LIDAR = np.array([[1, 0, 0, 0.76], [0, 1, 0, 0], [0, 0, 1, 1.73], [0, 0, 0, 1.0]])
 IMU_FROM_CAMERA = {
     "image_00": "0 0 1 1.6 1 0 0 0 0 1 0 -0.65",
-    "image_01": "0 0 1 1.6 1 0 0 0.6 0 1 0 -0.65",
     "image_02": "1 0 0 0.73 0 0 -1 -0.15 0 1 0 -1.07",
     "image_03": "-1 0 0 0.70 0 0 1 0.75 0 1 0 -1.08",
 }
@@ -48,11 +47,6 @@ projection_parameters:
    gamma2: 132.0
    u0: 70.5
    v0: 69.0
-"""
-PERSPECTIVE = """calib_time: 09-Jan-2012 13:57:47
-S_rect_{camera}: 140 37
-R_rect_{camera}: 1 0 0 0 1 0 0 0 1
-P_rect_{camera}: 55.2 0 68.2 0 0 55.2 23.9 0 0 0 1 0
 """
 OPTIONS = {"body_polygons": {name: [[[60, 125], [80, 125], [80, 139], [60, 139]]] for name in ("image_02", "image_03")}}
 
@@ -92,10 +86,14 @@ def surface(steps: int = 12) -> np.ndarray:
     return grid[np.abs(grid).max(axis=1) > 0.48] * CAR_SIZE
 
 
+def in_vehicle(frame: float, points_global: np.ndarray) -> np.ndarray:
+    pose = global_from_vehicle(frame)
+    return (points_global - pose[:3, 3]) @ pose[:3, :3]
+
+
 def car_at(frame: float) -> np.ndarray:
     """The car's surface in the vehicle frame of the same time, (N, 3)."""
-    world = car_centre(frame) + surface() @ rotation_z(HEADING_RAD).T
-    return (world - global_from_vehicle(frame)[:3, 3]) @ global_from_vehicle(frame)[:3, :3]
+    return in_vehicle(frame, car_centre(frame) + surface() @ rotation_z(HEADING_RAD).T)
 
 
 @cache
@@ -136,27 +134,17 @@ def object_xml(
     transform = np.eye(4)
     transform[:3, :3] = rotation_z(heading) @ axes @ np.diag(np.abs(axes).T @ size)
     transform[:3, 3] = centre
-    fields = {
-        "index": number,
-        "label": label,
-        "semanticId": semantic,
-        "instanceId": instance,
-        "timestamp": frame,
-        "dynamic": int(frame >= 0),
-        "dynamicSeq": 0 if frame >= 0 else -1,
-        "start_frame": 1,
-        "end_frame": 10,
-    }
+    fields = {"index": number, "label": label, "semanticId": semantic, "instanceId": instance, "timestamp": frame}
+    fields |= {"dynamic": int(frame >= 0), "dynamicSeq": 0 if frame >= 0 else -1, "start_frame": 1, "end_frame": 10}
     told = "".join(f"<{name}>{value}</{name}>" for name, value in fields.items())
     boxed = matrix_xml("transform", transform) + matrix_xml("vertices", CORNERS) + matrix_xml("faces", FACES)
     return f"<object{number}>{told}{boxed}</object{number}>\n"
 
 
-def boxes_xml() -> str:
-    moving = [
-        object_xml(n, label="car", semantic=13, instance=3, centre=car_centre(n), size=CAR_SIZE, frame=n)
-        for n in range(1, 11)
-    ]
+def boxes_xml(*, axes=None, more: str = "") -> str:
+    """Those of the data set, the moving car's drawn along `axes`, and more objects."""
+    car = {"label": "car", "semantic": 13, "instance": 3, "size": CAR_SIZE, "axes": axes}
+    moving = [object_xml(n, **car, centre=car_centre(n), frame=n) for n in range(1, 11)]
     beside = global_from_vehicle(6) @ np.array([[8, 4, 0.8, 1], [3, -9, 0.9, 1], [0, 40, 5, 1.0], [600, 4, 1, 1]]).T
     parked, person, house, far = beside.T[:, :3]
     return (
@@ -166,7 +154,7 @@ def boxes_xml() -> str:
         + object_xml(51, label="person", semantic=19, instance=1, centre=person, size=(0.6, 0.5, 1.8))
         + object_xml(52, label="building", semantic=11, instance=0, centre=house, size=(20.0, 10.0, 10.0))
         + object_xml(53, label="car", semantic=13, instance=5, centre=far, size=(4.0, 1.7, 1.4))
-        + "<object54><label>sky</label><timestamp>-1</timestamp></object54>\n</opencv_storage>\n"
+        + f"<object54><label>sky</label><timestamp>-1</timestamp></object54>\n{more}</opencv_storage>\n"
     )
 
 
@@ -176,8 +164,6 @@ def write_data_set(root: Path) -> Path:
     lines = [f"{name}: {numbers} \n" for name, numbers in IMU_FROM_CAMERA.items()]
     (calibration / "calib_cam_to_pose.txt").write_text("".join(lines))
     (calibration / "calib_cam_to_velo.txt").write_text(LIDAR_FROM_CAMERA_00)
-    perspective = "".join(PERSPECTIVE.format(camera=number) for number in ("00", "01"))
-    (calibration / "perspective.txt").write_text(perspective)
     stamps, scanner_stamps = ("".join(f"{stamp(n, later)}\n" for n in range(FRAMES)) for later in (0, SCANNER_LATER_NS))
     random = np.random.default_rng(3)
     for name in ("image_02", "image_03"):
@@ -188,22 +174,15 @@ def write_data_set(root: Path) -> Path:
         for n in range(FRAMES):
             pixels = random.integers(0, 90, (SIZE, SIZE, 3), dtype=np.uint8)
             assert cv2.imwrite(str(folder / "data_rgb" / f"{n:010d}.png"), pixels)
-    for folder in (
-        *(root / "data_2d_raw" / SEQUENCE / n for n in ("image_00", "image_01")),
-        root / "data_poses" / SEQUENCE / "oxts",
-    ):
-        folder.mkdir(parents=True)
-        (folder / "timestamps.txt").write_text(stamps)
     scans = root / "data_3d_raw" / SEQUENCE / "velodyne_points"
     (scans / "data").mkdir(parents=True)
     (scans / "timestamps.txt").write_text(scanner_stamps)
     for n in range(FRAMES):
         scan(n).tofile(scans / "data" / f"{n:010d}.bin")
     poses = root / "data_poses" / SEQUENCE
+    poses.mkdir(parents=True)
     rows = [[n, *(global_from_vehicle(n) @ VEHICLE_FROM_IMU)[:3].ravel()] for n in range(FRAMES) if n not in NO_POSE]
-    (poses / "poses.txt").write_text(
-        "".join(f"{row[0]} " + " ".join(f"{v:.9f}" for v in row[1:]) + "\n" for row in rows)
-    )
+    np.savetxt(poses / "poses.txt", rows, fmt=["%d", *["%.9f"] * 12])
     boxes = root / "data_3d_bboxes" / "train"
     boxes.mkdir(parents=True)
     (boxes / f"{SEQUENCE}.xml").write_text(boxes_xml())

@@ -107,12 +107,8 @@ def write_data_set(root: Path) -> Path:
     date.mkdir(parents=True)
     (u, v), eye = CENTRE_PX, np.eye(3)
     projection = [[FOCAL_PX, 0, u, -RIGHT_M * FOCAL_PX], [0, FOCAL_PX, v, 0], [0, 0, 1, 0]]
-    (date / "calib_cam_to_cam.txt").write_text(
-        "calib_time: 09-Jan-2012 13:57:47\n"
-        + row("R_rect_00", eye)
-        + row("S_rect_02", [WIDTH, HEIGHT])
-        + row("P_rect_02", projection)
-    )
+    rows = row("R_rect_00", eye) + row("S_rect_02", [WIDTH, HEIGHT]) + row("P_rect_02", projection)
+    (date / "calib_cam_to_cam.txt").write_text(f"calib_time: 09-Jan-2012 13:57:47\n{rows}")
     (date / "calib_velo_to_cam.txt").write_text(
         row("R", CAMERA_0_FROM_LIDAR[:, :3]) + row("T", CAMERA_0_FROM_LIDAR[:, 3]) + row("delta_f", [0, 0])
     )

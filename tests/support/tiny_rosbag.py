@@ -22,14 +22,7 @@ FRAMES = "tf2_msgs/msg/TFMessage"
 FRONT, LIDAR, ODOM, SPEED, YAW = "/camera/front", "/lidar", "/odom", "/wheels", "/imu"
 LATE_NS = 4_000_000  # messages are recorded this long after their stamp
 SPEED_MPS, TURN_RADPS = 3.0, 0.1
-POINT = np.dtype(
-    {
-        "names": ["x", "y", "z", "intensity", "ring", "t"],
-        "formats": ["<f4", "<f4", "<f4", "<f4", "<u2", "<u4"],
-        "offsets": [0, 4, 8, 16, 20, 24],
-        "itemsize": 32,
-    }
-)
+POINT = np.dtype([*((name, "<f4") for name in ("x", "y", "z", "intensity")), ("ring", "<u2"), ("t", "<u4")], align=True)
 KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 
@@ -108,22 +101,22 @@ def quaternion(wxyz):
     return message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
-def odometry(time_ns: int, position_m, wxyz=(1.0, 0.0, 0.0, 0.0), child: str = "base_link"):
-    point = message("geometry_msgs/msg/Point", x=position_m[0], y=position_m[1], z=position_m[2])
+def odometry(time_ns: int, position_m, wxyz=(1.0, 0.0, 0.0, 0.0)):
+    point = message("geometry_msgs/msg/Point", **dict(zip("xyz", position_m, strict=True)))
     pose = message("geometry_msgs/msg/Pose", position=point, orientation=quaternion(wxyz))
     content = {
         "pose": message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
         "twist": message("geometry_msgs/msg/TwistWithCovariance", twist=twist(), covariance=np.zeros(36)),
     }
-    return message(ODOMETRY, header=header(time_ns, "odom"), child_frame_id=child, **content)
+    return message(ODOMETRY, header=header(time_ns, "odom"), child_frame_id="base_link", **content)
 
 
-def twist(speed_mps: float = SPEED_MPS, turn_radps: float = 0.0):
-    return message("geometry_msgs/msg/Twist", linear=vector(speed_mps, 0.0, 0.0), angular=vector(0.0, 0.0, turn_radps))
+def twist():
+    return message("geometry_msgs/msg/Twist", linear=vector(SPEED_MPS, 0.0, 0.0), angular=vector(0.0, 0.0, 0.0))
 
 
-def imu(time_ns: int, turn_radps: float = TURN_RADPS):
-    values = {"orientation": quaternion((1, 0, 0, 0)), "angular_velocity": vector(0.0, 0.0, turn_radps)}
+def imu(time_ns: int):
+    values = {"orientation": quaternion((1, 0, 0, 0)), "angular_velocity": vector(0.0, 0.0, TURN_RADPS)}
     values["linear_acceleration"] = vector(0.0, 0.0, 9.81)
     covariances = {f"{name}_covariance": np.zeros(9) for name in values}
     return message(IMU, header=header(time_ns), **values, **covariances)
@@ -155,21 +148,14 @@ def drive() -> list[tuple[str, str, int, object]]:
 def signals() -> list[tuple[str, str, int, object]]:
     """Speed and yaw rate at their own times, 20 ms apart and 10 ms apart, from before the drive to after it."""
     start, end = tiny.TIMES_NS[0] - 100_000_000, tiny.TIMES_NS[-1] + 100_000_000
-    rows = [
-        (SPEED, TWIST, t, message(TWIST, header=header(t), twist=twist())) for t in range(start, end + 1, 20_000_000)
-    ]
+    times_ns = range(start, end + 1, 20_000_000)
+    rows = [(SPEED, TWIST, t, message(TWIST, header=header(t), twist=twist())) for t in times_ns]
     rows += [(YAW, IMU, t, imu(t)) for t in range(start - 5_000_000, end + 5_000_001, 10_000_000)]
     return rows
 
 
 def write_bag(
-    place: Path,
-    rows,
-    *,
-    storage: str = "mcap",
-    compression: str | None = None,
-    late_ns: int = LATE_NS,
-    store=STORE,
+    place: Path, rows, *, storage: str = "mcap", compression: str | None = None, late_ns: int = LATE_NS, store=STORE
 ) -> Path:
     """Write messages as a bag, and give its file of messages."""
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3

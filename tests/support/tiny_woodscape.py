@@ -16,36 +16,19 @@ OPTIONS = {"body_polygons": {"FV": [[[0, 44], [63, 44], [63, 47], [0, 47]]], "MV
 def calibration(name: str) -> dict:
     # Front: looks forward, x right, y down; right mirror: looks to the right. Quaternions x, y, z, w.
     quaternion = [-0.5, 0.5, -0.5, 0.5] if name == "FV" else [-0.7071067811865476, 0.0, 0.0, 0.7071067811865476]
+    lens = {"model": "radial_poly", "poly_order": 4, "k1": 17.0, "k2": -1.6, "k3": 2.4, "k4": -0.36}
+    lens |= {"width": float(WIDTH), "height": float(HEIGHT), "cx_offset": 0.2, "cy_offset": -0.1, "aspect_ratio": 1.0}
     return {
-        "extrinsic": {"quaternion": quaternion, "translation": [3.7, 0.0, 0.66]},
-        "intrinsic": {
-            "aspect_ratio": 1.0,
-            "cx_offset": 0.2,
-            "cy_offset": -0.1,
-            "height": float(HEIGHT),
-            "k1": 17.0,
-            "k2": -1.6,
-            "k3": 2.4,
-            "k4": -0.36,
-            "model": "radial_poly",
-            "poly_order": 4,
-            "width": float(WIDTH),
-        },
         "name": name,
+        "extrinsic": {"quaternion": quaternion, "translation": [3.7, 0.0, 0.66]},
+        "intrinsic": lens,
     }
 
 
-def vehicle(name: str, *, time_us: int, speed_kmh: float = 36.0, gear: str = "D") -> dict:
-    return {
-        "frame_id": f"{name}.png",
-        "timestamp": str(time_us),
-        "ego_acceleration": "62",
-        "ego_gear": gear,
-        "ego_speed": str(speed_kmh),
-        "ego_steering": "-1.5",
-        "ego_yawRate": "9.0",
-        "ego_distance": "0.3332",
-    }
+def vehicle(name: str, *, time_us: int) -> dict:
+    motion = {"ego_speed": "36.0", "ego_yawRate": "9.0", "ego_distance": "0.3332", "ego_acceleration": "62"}
+    motion |= {"ego_gear": "D", "ego_steering": "-1.5"}
+    return {"frame_id": f"{name}.png", "timestamp": str(time_us)} | motion
 
 
 def motion(name: str) -> np.ndarray:
