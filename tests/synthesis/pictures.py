@@ -20,6 +20,12 @@ def road(surface):
     return quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], surface)
 
 
+def wall(x_m, surface=PLAIN, *, y_m=(-20, 20), height_m=8):
+    """Faces backwards, to who stands before it."""
+    right_m, left_m = y_m
+    return quads([[x_m, left_m, 0], [x_m, right_m, 0], [x_m, right_m, height_m], [x_m, left_m, height_m]], surface)
+
+
 def mounted(model, vehicle_from_camera):
     return MountedCamera(
         name="front",

@@ -9,10 +9,10 @@ from bench.synthesis.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.exposure import Sensor
 from bench.synthesis.imaging.renderer import Moment
 from bench.synthesis.imaging.visibility import lens_of
-from bench.synthesis.mesh import PlacedMesh, Surface, box, joined, quads
+from bench.synthesis.mesh import PlacedMesh, Surface, box, joined
 from bench.synthesis.scenario import CameraSpec, SensorSpec
 from tests.support.lenses import LENSES
-from tests.synthesis.pictures import EXACT, GREY, mounted, renderer_of, road
+from tests.synthesis.pictures import EXACT, GREY, mounted, renderer_of, road, wall
 
 SIZE = {"width": 320, "height": 240}
 MODELS = {name: lens.scaled(**SIZE) for name, lens in LENSES.items()}
@@ -122,9 +122,9 @@ def test_image_is_the_same_whatever_was_rendered_before(kind):
 def test_what_lies_behind_changes_nothing():
     # Hidden triangles are found early, in an order that depends on all of them.
     body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
-    wall = quads([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
-    front, more = joined(ROAD, wall), joined(behind, ROAD, wall)
+    front = joined(ROAD, wall(14, GREY, y_m=(-9, 9), height_m=6))
+    more = joined(behind, front)
     without, with_hidden = (image(renderer("overcast", world), body, 0.0) for world in (front, more))
     assert np.array_equal(without.instance_ids, with_hidden.instance_ids)
     assert np.array_equal(without.distances_m, with_hidden.distances_m)
@@ -165,8 +165,7 @@ def test_noise_has_its_variance(gain, grey):
 def test_stripe_is_smeared_by_its_way_in_the_image():
     # A white stripe 8 m ahead moves 0.8 m to the left while the shutter is open: 0.8 / 8 * 80 px = 8 px.
     black, white = Surface(albedo=0.02, contrast=0.0), Surface(albedo=0.7, contrast=0.0)
-    wall = quads([[9, 30, -20], [9, -30, -20], [9, -30, 20], [9, 30, 20]], black)
-    renderer = renderer_of(mounted(CAMERA, LOW_AHEAD), world=wall)
+    renderer = renderer_of(mounted(CAMERA, LOW_AHEAD), world=wall(9, black, y_m=(-30, 30), height_m=20))
 
     def at(y_m):
         stripe = box([0.02, 2.0, 4], [8.01, y_m, 1], white)
@@ -186,16 +185,13 @@ def test_stripe_is_smeared_by_its_way_in_the_image():
 
 
 def test_ego_vehicle_that_turns_leaves_its_own_body_sharp():
-    camera_model = RadialPolynomialCamera(
-        width=160, height=120, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(79.5, 59.5)
-    )
     rough = Surface(albedo=0.5, contrast=0.4, texel_m=0.02)
     own_body = box([2, 4, 0.2], [0.3, 0, 0.3], rough)
-    renderer = renderer_of(mounted(camera_model, LOW_AHEAD), world=road(rough), own_body=own_body)
+    renderer = renderer_of(mounted(MODEL, LOW_AHEAD), world=road(rough), own_body=own_body)
     moments = [Moment(placed=[], world_from_vehicle=RigidTransform.from_yaw(0, [x_m, 0, 0])) for x_m in (-0.8, 0, 0.8)]
     still = renderer.render(moments[1], rng=np.random.default_rng(0))
     moved = renderer.render(moments[1], shutter=(moments[0], moments[2]), rng=np.random.default_rng(0))
-    own = np.zeros((120, 160), dtype=bool)
+    own = np.zeros((MODEL.height, MODEL.width), dtype=bool)
     own[100:, 60:100] = True
     ground = np.zeros_like(own)
     ground[68:75, 20:140] = True
