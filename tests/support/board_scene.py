@@ -94,10 +94,6 @@ def scaled(given, width, height):
     return replace(given, images=images, camera=given.camera.scaled(width, height), valid=valid)
 
 
-def share(mask, region):
-    return mask[region].mean()
-
-
 STEP = np.array([0.06, 0.0, 0.0])
 
 

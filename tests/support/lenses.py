@@ -4,8 +4,8 @@ import json
 
 import cv2
 import numpy as np
-import yaml
 
+from bench.adapters.kitti360 import Kitti360Options, read_rig
 from bench.cameras import (
     BrownConradyCamera,
     CameraModel,
@@ -90,21 +90,6 @@ def real_kannala_brandt() -> list[tuple[KannalaBrandtCamera, np.ndarray, np.ndar
     return found
 
 
-def real_unified() -> list[UnifiedCamera]:
-    found = []
-    for file in sorted((REAL / "kitti360" / "calibration").glob("image_0[23].yaml")):
-        text = file.read_text().split("\n", 1)[1].replace(":", ": ")
-        data = yaml.safe_load(text)
-        mirror, bend, scale = (data[k] for k in ("mirror_parameters", "distortion_parameters", "projection_parameters"))
-        found.append(
-            UnifiedCamera(
-                width=data["image_width"],
-                height=data["image_height"],
-                xi=mirror["xi"],
-                focal=(scale["gamma1"], scale["gamma2"]),
-                principal_point=(scale["u0"], scale["v0"]),
-                radial=(bend["k1"], bend["k2"]),
-                tangential=(bend["p1"], bend["p2"]),
-            )
-        )
-    return found
+def real_unified() -> list[CameraModel]:
+    _, _, cameras = read_rig(REAL / "kitti360", ("image_02", "image_03"), Kitti360Options())
+    return [camera.model for camera in cameras.values()]

@@ -9,12 +9,7 @@ from bench.methods import known_methods
 
 def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Provenance:
     return Provenance(
-        started_utc=started_utc,
-        seconds=2.0,
-        images=images,
-        images_asked=images,
-        workers=1,
-        peak_memory_mb=1.0,
+        started_utc=started_utc, seconds=2.0, images=images, images_asked=images, workers=1, peak_memory_mb=1.0
     )
 
 

@@ -8,15 +8,7 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import CameraModel, RadialPolynomialCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
-from bench.recordings import (
-    Cuboid,
-    GroundPolygon,
-    MountedCamera,
-    ObjectState,
-    PointIndices,
-    RecordingWriter,
-    Track,
-)
+from bench.recordings import Cuboid, GroundPolygon, MountedCamera, ObjectState, PointIndices, RecordingWriter, Track
 
 STEP_NS = 66_666_667
 TIMES_NS = tuple(1_700_000_000_000_000_000 + i * STEP_NS for i in range(3))
