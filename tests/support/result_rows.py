@@ -45,17 +45,9 @@ def object_row(number):
     key = {"recording": f"drive-{number % 3}", "camera": "front", "timestamp_ns": number * 100, "track_id": "a"}
     what = {"object_class": "vehicle", "status": "evaluated", "reason": None, "category": "crossing"}
     where = {"direction": "lateral", "range_m": 4.0, "x_m": 5.5, "y_m": 2.5, "speed_mps": 2.0, "ego_speed_mps": 1.0}
-    counts = {
-        "points": 50,
-        "polygon_px": 100,
-        "region_px": 100,
-        "tp": 50,
-        "fn": 50,
-        "fp": 10,
-        "chance_tp": 5,
-        "unknown_px": 0,
-    }
-    return dict.fromkeys(OBJECTS_SCHEMA.names) | NO_COUNTS | key | what | where | counts
+    size = {"points": 50, "polygon_px": 100, "region_px": 100, "unknown_px": 0}
+    counts = {"tp": 50, "fn": 50, "fp": 10, "chance_tp": 5}
+    return dict.fromkeys(OBJECTS_SCHEMA.names) | NO_COUNTS | key | what | where | size | counts
 
 
 def frame_row(number):

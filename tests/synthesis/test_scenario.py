@@ -224,11 +224,6 @@ def test_swept_ground_holds_every_footprint(scenario_file):
     for ground, path, outline_m in zip(grounds, (trajectories.ego, *trajectories.actors), outlines_m, strict=True):
         footprints = MovingOutline(poses=path.at(fine), outline_m=outline_m).footprints()
         assert shapely.contains(ground, footprints).all()
-
-
-def test_footprint_is_the_outline_where_the_body_is(scenario_file):
-    scenario = read_scenario(scenario_file)
-    trajectories = plan_trajectories(scenario, scenario.recordings[0])
     outline_m = box_outline(np.array([0.8, 0.5, 1.7]))
     (walker,) = MovingOutline(poses=trajectories.actors[0].at([0]), outline_m=outline_m).footprints()
     # Walks to the left from (8, -1): its length lies across the ego vehicle's lane.
