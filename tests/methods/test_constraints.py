@@ -56,9 +56,7 @@ def test_golden_answers(point, motion, p, p_current, expected):
 
 
 @given(step, step, angle, st.floats(0.3, 2.0), coordinate, coordinate, st.floats(-0.5, 5))
-def test_static_points_deviate_from_neither_epipolar_nor_depth_and_on_the_road_from_nothing(
-    dx, dy, yaw, height, x, y, z
-):
+def test_static_points_deviate_in_neither_epipolar_nor_depth_and_road_points_in_nothing(dx, dy, yaw, height, x, y, z):
     assume(np.hypot(dx, dy) > 0.01)
     views = TwoViews(previous_m=(0, 0, height), current_m=(dx, dy, height), yaw_rad=yaw)
     assume(min(np.linalg.norm([x, y, z - height]), np.linalg.norm([x - dx, y - dy, z - height])) > 0.2)

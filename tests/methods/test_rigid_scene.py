@@ -73,10 +73,9 @@ def test_rays_far_outside_of_the_image_overflow_nothing():
     assert np.nanmax(np.abs(far)) > 1e15
     flow = scene.flow_at(scene.road_inverse_depth(scene.fall()))
     assert np.nanmax(np.abs(flow)) < 1.001e4
-    within = np.abs(far - scene.grid.pixels.reshape(-1, 2)).max(axis=1) < 1000
-    np.testing.assert_allclose(
-        flow.reshape(-1, 2)[within], (far - scene.grid.pixels.reshape(-1, 2))[within], rtol=1e-5, atol=1e-4
-    )
+    moved = far - scene.grid.pixels.reshape(-1, 2)
+    within = np.abs(moved).max(axis=1) < 1000
+    np.testing.assert_allclose(flow.reshape(-1, 2)[within], moved[within], rtol=1e-5, atol=1e-4)
     images = tuple(texture(ROAD)[at : at + 400, at : at + 640].astype(np.uint8) for at in (0, 8))
     given = replace(
         frame(*images, STEP, valid=np.ones((400, 640), bool)), camera=STEEP, road=road, current_from_previous=(motion,)
@@ -150,10 +149,9 @@ def test_motion_is_refined_by_points_on_the_road_and_beside_it():
     accuracy = MotionAccuracy(speed_share=0.02)
 
     def error(scene):
-        left = scene.current_from_previous.rotation @ true.current_from_previous.rotation.T
-        return np.linalg.norm(Rotation.from_matrix(left).as_rotvec()), np.linalg.norm(
-            scene.current_from_previous.translation_m - true.current_from_previous.translation_m
-        )
+        motion, true_motion = scene.current_from_previous, true.current_from_previous
+        rotation_rad = Rotation.from_matrix(motion.rotation @ true_motion.rotation.T).magnitude()
+        return rotation_rad, np.linalg.norm(motion.translation_m - true_motion.translation_m)
 
     refined = refine_motion(recorded, given, seconds=1 / 15, accuracy=accuracy)
     assert error(refined)[0] < 0.1 * error(recorded)[0]
@@ -276,15 +274,10 @@ def test_the_road_is_seen_through_what_stands_still_in_the_image_but_not_through
 def test_switches_change_the_answer_and_an_older_image_may_be_there():
     given, truth = crossing()
     whole = build_method("rigid-scene").segment(given).mask
-    for setting in (
-        {"first_guess": False},
-        {"photometric": False},
-        {"sigmas": False},
-        {"objects": {"outlines": False}},
-    ):
-        other = build_method("rigid-scene", setting).segment(given).mask
-        assert (other != whole).any(), setting
-    wide = other  # without outlines it holds what the body has just uncovered, too
+    for switch in ("first_guess", "photometric", "sigmas"):
+        assert (build_method("rigid-scene", {switch: False}).segment(given).mask != whole).any(), switch
+    # Without outlines it holds what the body has just uncovered, too.
+    wide = build_method("rigid-scene", {"objects": {"outlines": False}}).segment(given).mask
     assert (whole & ~truth).sum() < 0.7 * (wide & ~truth).sum()
     assert (whole & truth).sum() > 0.9 * (wide & truth).sum()
 

@@ -10,20 +10,8 @@ from bench.geometry import RigidTransform
 from bench.methods import build_method
 from bench.methods.spherical.likelihood import CONSTRAINTS, PAPER_WEIGHTS
 from bench.methods.spherical.method import SphericalMethod
-from tests.support.board_scene import (
-    CAMERA,
-    HEIGHT,
-    LOOK,
-    MOUNT_M,
-    STEP,
-    WIDTH,
-    crossing,
-    drive,
-    far,
-    frame,
-    inner,
-    scene,
-)
+from tests.support import board_scene
+from tests.support.board_scene import CAMERA, HEIGHT, STEP, WIDTH, crossing, drive, far, frame, inner
 
 SPARSE, ODOMETRY = "spherical-sparse", "spherical-visual-odometry"
 NOT_KNOWN = RigidTransform.identity()
@@ -80,10 +68,9 @@ class ExactFlow(SphericalMethod):
 
     def mean_flow(self, frame):  # noqa: ARG002 - it knows the scene
         before, now = np.array([3.0, -0.6, 0.0]), np.array([3.0, -0.3, 0.0])
-        hit, _, board = scene(STEP, now)
+        hit, _, board = board_scene.scene(STEP, now)
         was = np.where(board[..., None], hit - (now - before), hit)[2::5, 2::5]
-        camera_from_world = RigidTransform(LOOK, -LOOK @ MOUNT_M)
-        pixels, _ = CAMERA.project(camera_from_world.apply(was.reshape(-1, 3)))
+        pixels, _ = CAMERA.project(board_scene.camera_from_world(np.zeros(3)).apply(was.reshape(-1, 3)))
         cells = ray_grid(CAMERA, 5)
         return (pixels.reshape(cells.pixels.shape) - cells.pixels).astype(np.float32)
 

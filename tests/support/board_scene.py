@@ -33,14 +33,8 @@ ROAD, WALL, BOX = 1, 2, 3  # seeds of their textures
 
 
 def sample(pattern, x, y, pixels_per_m):
-    size = pattern.shape[0]
-    return cv2.remap(
-        pattern,
-        ((x * pixels_per_m) % size).astype(np.float32),
-        ((y * pixels_per_m) % size).astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_WRAP,
-    )
+    u, v = ((place_m * pixels_per_m % len(pattern)).astype(np.float32) for place_m in (x, y))
+    return cv2.remap(pattern, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
 
 def scene(position_m, box_m=None):
@@ -75,8 +69,12 @@ def render(position_m, box_m=None):
     return image.astype(np.uint8), board
 
 
+def camera_from_world(position_m):
+    return RigidTransform(LOOK, -LOOK @ (MOUNT_M + position_m))
+
+
 def frame(previous, current, step_m, valid=None):
-    before, now = (RigidTransform(LOOK, -LOOK @ (MOUNT_M + p)) for p in ((0.0, 0.0, 0.0), step_m))
+    before, now = camera_from_world(np.zeros(3)), camera_from_world(step_m)
     return MethodInput(
         images=(previous, current),
         timestamps_ns=(0, 66_666_667),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.cameras import PinholeCamera, RadialPolynomialCamera, camera_parameters, ray_grid
 from bench.geometry import RigidTransform
@@ -18,10 +19,8 @@ SIZE = {"width": 320, "height": 240}
 MODELS = {name: lens.scaled(**SIZE) for name, lens in LENSES.items()}
 MODELS["pinhole"] = PinholeCamera(**SIZE, focal=(100, 100), principal_point=(159.5, 119.5))  # wide enough for the box
 FISHEYE = MODELS["radial_polynomial"]
-PITCH = RigidTransform(
-    np.array([[np.cos(0.3), 0, np.sin(0.3)], [0, 1, 0], [-np.sin(0.3), 0, np.cos(0.3)]]), np.zeros(3)
-)
-VEHICLE_FROM_CAMERA = RigidTransform(PITCH.rotation @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
+PITCH = Rotation.from_rotvec([0, 0.3, 0]).as_matrix()
+VEHICLE_FROM_CAMERA = RigidTransform(PITCH @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
 WORLD_FROM_VEHICLE = RigidTransform.from_yaw(0.4, [20.0, -7.0, 0.0])
 
 
