@@ -8,17 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from bench.geometry import cross, dot
+from bench.geometry import cross
 from bench.synthesis.bodies import BODIES, make_body
 from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
 from bench.synthesis.bodies.gait import STANCE, hip_heights, two_links, walking_leg
 from bench.synthesis.mesh import Surface, box, slab, tube
-
-
-def volume_m3(mesh):
-    """By the divergence theorem: positive only if every face looks outwards."""
-    a, b, c = (mesh.corners_m[:, k] for k in range(3))
-    return float(dot(a, cross(b, c)).sum() / 6)
+from tests.synthesis.pictures import volume_m3
 
 
 def open_edges(mesh):

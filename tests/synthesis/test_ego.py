@@ -13,7 +13,7 @@ from bench.synthesis.production import DECIMALS
 from bench.synthesis.scenario import BusSpec
 from bench.times import SECOND_NS
 from tests.synthesis.conftest import REAL, drive
-from tests.synthesis.test_bodies import volume_m3
+from tests.synthesis.pictures import volume_m3
 
 
 def test_the_ego_vehicle_is_as_wide_to_the_left_as_to_the_right_and_faces_outwards():
