@@ -198,14 +198,9 @@ UNFIT = {
 
 @pytest.mark.parametrize("case", UNFIT)
 def test_an_attribute_that_is_not_what_the_contract_asks_for_is_named_with_its_class(case, monkeypatch):
-    class Unfit(Method):
-        name = "unfit"
-
+    class Unfit(Bare):
         def __init__(self):
             setattr(self, *attribute)
-
-        def segment(self, frame):
-            raise NotImplementedError
 
     attribute, told = UNFIT[case]
     monkeypatch.setattr(f"{__name__}.Unfit", Unfit, raising=False)

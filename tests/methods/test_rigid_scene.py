@@ -85,12 +85,8 @@ def test_rays_far_outside_of_the_image_overflow_nothing():
 
 
 def test_a_head_far_outside_of_the_image_overflows_nothing():
-    steep = pitched_down(np.deg2rad(50))
-    scene = RigidScene(
-        camera=STEEP,
-        current_from_previous=RigidTransform(np.eye(3), np.zeros(3)),
-        road=RoadPlane(steep @ np.array([0.0, 0.0, -1.0]), 0.8),
-    )
+    road = RoadPlane(pitched_down(np.deg2rad(50)) @ np.array([0.0, 0.0, -1.0]), 0.8)
+    scene = RigidScene(camera=STEEP, current_from_previous=RigidTransform.identity(), road=road)
     fall = at_every_pixel(scene.fall().astype(np.float32), STEEP)
     nowhere = np.zeros(fall.shape, dtype=bool)
     for row in range(60, 380, 2):  # some heads are nearly at a right angle to the axis
@@ -138,14 +134,10 @@ def test_motion_is_refined_by_points_on_the_road_and_beside_it():
     pixels, seen = CAMERA.project(previous)
     pixels[:60] += generator.normal(0, 15, (60, 2))  # what moves
     pitch = Rotation.from_rotvec([np.deg2rad(0.2), 0, 0]).as_matrix()
-    recorded = RigidScene(
-        camera=CAMERA,
-        current_from_previous=RigidTransform(pitch @ views.motion.rotation, 1.02 * views.motion.translation_m),
-        road=views.road,
-    )
-    given = Correspondences(
-        rays=current[seen], pixels=pixels[seen], information=np.tile(50.0 * np.eye(2), (seen.sum(), 1, 1))
-    )
+    motion = RigidTransform(pitch @ views.motion.rotation, 1.02 * views.motion.translation_m)
+    recorded = RigidScene(camera=CAMERA, current_from_previous=motion, road=views.road)
+    information = np.tile(50.0 * np.eye(2), (seen.sum(), 1, 1))
+    given = Correspondences(rays=current[seen], pixels=pixels[seen], information=information)
     accuracy = MotionAccuracy(speed_share=0.02)
 
     def error(scene):

@@ -121,9 +121,6 @@ def test_a_constraint_alone_marks_what_it_marks_alone_among_the_others():
     assert not (union & ~whole.mask).any()
 
 
-# On tracks
-
-
 def test_cells_without_a_track_are_undefined_and_static():
     few = build_method(SPARSE, {"tracker": {"corners": 20, "window_px": 11}}).segment(three_images()[0])
     assert few.causes == (*CONSTRAINTS, "three_view")
@@ -152,9 +149,6 @@ def test_three_views_see_a_board_that_turns_back_where_two_see_it_less():
 def test_the_threshold_keeps_the_papers_sum_of_deviations(name, weight):
     method = build_method(name)
     assert method.threshold * method.weights.total == pytest.approx(6e-4 * 2.4 / weight)
-
-
-# With motion from the images
 
 
 def test_the_motion_is_the_cameras():
