@@ -77,8 +77,7 @@ def test_a_rigid_scene_predicts_the_row_of_the_previous_image(views):
         np.linalg.norm(point - camera_at(NOW_S + offset_s).translation_m)
         for point, offset_s in zip(points, SHUTTER.row_time_offset_s(now, LENS), strict=True)
     ]
-    told, untold = (
-        np.abs(scene(rows).previous_pixels(rays, 1 / np.array(distances_m)) - before).max() for rows in (ROWS, None)
-    )
+    inverse_depth = 1 / np.array(distances_m)
+    told, untold = (np.abs(scene(rows).previous_pixels(rays, inverse_depth) - before).max() for rows in (ROWS, None))
     assert told < 0.05
     assert untold > 1

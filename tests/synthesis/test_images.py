@@ -86,9 +86,9 @@ def test_a_camera_looks_where_its_angles_say_and_its_body_mask_covers_what_is_se
 
 ROAD = road(GREY)
 AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 0.8]))
-MODEL = RadialPolynomialCamera(
-    width=157, height=117, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(78.0, 58.0)
-)  # whole tiles neither across nor down
+BODY = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
+# Whole tiles neither across nor down.
+MODEL = RadialPolynomialCamera(width=157, height=117, coefficients=(42, -3, 5, -0.8), principal_point=(78.0, 58.0))
 
 
 def renderer(kind, world=ROAD):
@@ -107,11 +107,10 @@ def image(renderer, body, way_m):
 
 @pytest.mark.parametrize("kind", ["sunny", "overcast", "night"])
 def test_image_is_the_same_whatever_was_rendered_before(kind):
-    body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     used = renderer(kind)
     for way_m in (0.0, 30.0, -2.0):
-        image(used, body, way_m)
-    alone, later = image(renderer(kind), body, 1.0), image(used, body, 1.0)
+        image(used, BODY, way_m)
+    alone, later = image(renderer(kind), BODY, 1.0), image(used, BODY, 1.0)
     assert np.array_equal(alone.pixels, later.pixels)
     assert np.array_equal(alone.instance_ids, later.instance_ids)
     assert np.array_equal(alone.distances_m, later.distances_m)
@@ -120,19 +119,17 @@ def test_image_is_the_same_whatever_was_rendered_before(kind):
 
 def test_what_lies_behind_changes_nothing():
     # Hidden triangles are found early, in an order that depends on all of them.
-    body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
     front = joined(ROAD, wall(14, GREY, y_m=(-9, 9), height_m=6))
     more = joined(behind, front)
-    without, with_hidden = (image(renderer("overcast", world), body, 0.0) for world in (front, more))
+    without, with_hidden = (image(renderer("overcast", world), BODY, 0.0) for world in (front, more))
     assert np.array_equal(without.instance_ids, with_hidden.instance_ids)
     assert np.array_equal(without.distances_m, with_hidden.distances_m)
 
 
 def test_lamps_of_bodies_glow_by_night_alone():
-    lamp, off = (
-        box([0.5, 0.8, 0.8], [7.0, 0.0, 1.0], Surface(albedo=0.2, contrast=0.0, glow=glow)) for glow in (0.6, 0.0)
-    )
+    glass = [Surface(albedo=0.2, contrast=0.0, glow=glow) for glow in (0.6, 0.0)]
+    lamp, off = (box([0.5, 0.8, 0.8], [7.0, 0.0, 1.0], surface) for surface in glass)
     for kind, brighter in (("sunny", False), ("night", True)):
         lit, dark = (image(renderer(kind), body, 0.0).pixels.astype(int) for body in (lamp, off))
         assert ((lit - dark).max() > 50) == brighter
@@ -144,9 +141,8 @@ LOW_AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 
 def test_edge_of_the_lens_gets_its_share_of_the_light():
-    lens = lens_of(CAMERA)
     spec = EXACT.model_copy(update={"edge_light": 0.5})
-    pixels = Sensor(spec, lens, gain=1.0).expose(EVEN, np.random.default_rng(0))
+    pixels = Sensor(spec, lens_of(CAMERA), gain=1.0).expose(EVEN, np.random.default_rng(0))
     assert pixels[59, 79] == 102
     assert pixels[0, 0] == pytest.approx(51, abs=1)
 
