@@ -97,12 +97,8 @@ def test_a_head_far_outside_of_the_image_overflows_nothing():
 
 def test_the_nearest_point_of_a_curve():
     curve = [np.array([[0.0, 0.0]], np.float32), np.array([[4.0, 0.0]], np.float32), np.array([[4.0, 4.0]], np.float32)]
-    for flow, expected, place in (
-        ((1, 2), (1, 0), 0.25),
-        ((6, 1), (4, 1), 1.25),
-        ((-3, 0), (0, 0), 0),
-        ((4, 9), (4, 4), 2),
-    ):
+    answers = [((1, 2), (1, 0), 0.25), ((6, 1), (4, 1), 1.25), ((-3, 0), (0, 0), 0), ((4, 9), (4, 4), 2)]
+    for flow, expected, place in answers:
         squared, point, where = nearest_on_curve(np.array([flow], np.float32), curve, None)
         np.testing.assert_allclose(point[0], expected, atol=1e-6)
         assert squared[0] == pytest.approx(np.sum(np.subtract(flow, expected) ** 2))

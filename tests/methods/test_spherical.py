@@ -97,9 +97,8 @@ def test_where_the_ego_vehicle_sees_itself_nothing_is_detected(name):
 def test_parameters_from_a_file():
     method = build_method("spherical", {"weights": {"anti_parallel": 0.0}, "variants": {"geodesic": True}})
     assert method.settings()["weights"]["anti_parallel"] == 0.0
-    assert build_method("spherical", {"weights": {"positive_depth": 0.5}}).weights == replace(
-        PAPER_WEIGHTS, positive_depth=0.5
-    )
+    changed = build_method("spherical", {"weights": {"positive_depth": 0.5}})
+    assert changed.weights == replace(PAPER_WEIGHTS, positive_depth=0.5)
     alone = build_method("epipolar-only", {"weights": {"positive_depth": 0.5}})  # its own are changed
     assert astuple(alone.weights) == (1.0, 0.5, 0.0, 0.0, 0.0)
 

@@ -1,6 +1,7 @@
 """One lens per model, and the real ones where they are at hand."""
 
 import json
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -73,8 +74,7 @@ def real_woodscape() -> list[RadialPolynomialCamera]:
     return [RadialPolynomialCamera.from_woodscape(json.loads(f.read_text())["intrinsic"]) for f in files]
 
 
-def real_kannala_brandt() -> list[tuple[KannalaBrandtCamera, np.ndarray, np.ndarray]]:
-    found = []
+def real_kannala_brandt() -> Iterator[tuple[KannalaBrandtCamera, np.ndarray, np.ndarray]]:
     for file in sorted((REAL / "surround_view_kb" / "yaml").glob("*.yaml")):
         storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
         matrix, terms = storage.getNode("camera_matrix").mat(), storage.getNode("dist_coeffs").mat().ravel()
@@ -86,8 +86,7 @@ def real_kannala_brandt() -> list[tuple[KannalaBrandtCamera, np.ndarray, np.ndar
             principal_point=(matrix[0, 2], matrix[1, 2]),
             coefficients=terms,
         )
-        found.append((camera, matrix, terms))
-    return found
+        yield camera, matrix, terms
 
 
 def real_unified() -> list[CameraModel]:

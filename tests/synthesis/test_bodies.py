@@ -12,8 +12,8 @@ from bench.geometry import cross
 from bench.synthesis.bodies import BODIES, make_body
 from bench.synthesis.bodies.body import STEPS, Joint, Linkage, still, wheel
 from bench.synthesis.bodies.gait import STANCE, hip_heights, two_links, walking_leg
-from bench.synthesis.mesh import Surface, box, slab, tube
-from tests.synthesis.pictures import volume_m3
+from bench.synthesis.mesh import box, slab, tube
+from tests.synthesis.pictures import GREY, volume_m3
 
 
 def open_edges(mesh):
@@ -33,7 +33,6 @@ def of_joint(body, name, corners_m):
     return corners_m[start:end].reshape(-1, 3)
 
 
-GREY = Surface(albedo=0.5, contrast=0.1)
 WALKERS = ["adult", "short_adult", "tall_adult", "stout_adult", "child", "small_child", "large_adult"]
 VEHICLES = [kind for kind, (object_class, _) in BODIES.items() if object_class == "vehicle"]
 # Length, width with mirrors or elbows, height: everyday dimensions, m.
