@@ -46,10 +46,8 @@ def test_flow_baselines_agree_for_a_camera_that_does_not_turn():
 
 def grey_frame(*images, valid=None):
     given = frame(images[0], images[-1], STEP, valid)
-    step = given.current_from_previous[0]
-    return replace(
-        given, images=images, timestamps_ns=tuple(range(len(images))), current_from_previous=(step,) * (len(images) - 1)
-    )
+    steps = given.current_from_previous * (len(images) - 1)
+    return replace(given, images=images, timestamps_ns=tuple(range(len(images))), current_from_previous=steps)
 
 
 def square(left, background=100, grey=200):

@@ -43,18 +43,6 @@ def all_of(found):
     return np.stack([found.epipolar, found.positive_depth, found.positive_height, found.anti_parallel])
 
 
-def test_motion_of_the_golden_camera():
-    views = TwoViews()
-    expected = [
-        [0.999961923, -0.002984651, 0.008200261],
-        [0.002984651, 0.999995546, 1.2238e-05],
-        [-0.008200261, 1.2238e-05, 0.999966377],
-    ]
-    np.testing.assert_allclose(views.motion.rotation, expected, atol=1e-9)
-    np.testing.assert_allclose(views.motion.translation_m, [0.006509005, 0.136832695, -0.375944739], atol=1e-9)
-    np.testing.assert_allclose(views.road.down, [0, 0.939692621, 0.342020143], atol=1e-9)
-
-
 @pytest.mark.parametrize(("point", "motion", "p", "p_current", "expected"), GOLDEN)
 def test_golden_answers(point, motion, p, p_current, expected):
     views = TwoViews()
@@ -68,20 +56,13 @@ def test_golden_answers(point, motion, p, p_current, expected):
 
 
 @given(step, step, angle, st.floats(0.3, 2.0), coordinate, coordinate, st.floats(-0.5, 5))
-def test_static_points_deviate_from_neither_epipolar_nor_depth(dx, dy, yaw, height, x, y, z):
+def test_static_points_deviate_in_neither_epipolar_nor_depth_and_road_points_in_nothing(dx, dy, yaw, height, x, y, z):
     assume(np.hypot(dx, dy) > 0.01)
     views = TwoViews(previous_m=(0, 0, height), current_m=(dx, dy, height), yaw_rad=yaw)
     assume(min(np.linalg.norm([x, y, z - height]), np.linalg.norm([x - dx, y - dy, z - height])) > 0.2)
-    found = measured(views, (x, y, z))
-    assert found.epipolar[0] < 1e-12
-    assert found.positive_depth[0] < 1e-12
-
-
-@given(step, step, angle, st.floats(0.3, 2.0), coordinate, coordinate)
-def test_static_road_points_deviate_from_nothing(dx, dy, yaw, height, x, y):
-    assume(np.hypot(dx, dy) > 0.01)
-    views = TwoViews(previous_m=(0, 0, height), current_m=(dx, dy, height), yaw_rad=yaw)
-    assert all_of(measured(views, (x, y, 0.0))).max() < 1e-12
+    found = measured(views, [(x, y, z), (x, y, 0.0)])
+    assert max(found.epipolar.max(), found.positive_depth.max()) < 1e-12
+    assert all_of(found)[:, 1].max() < 1e-12
 
 
 @given(st.floats(0.05, 0.9), st.floats(0.0, 0.6), st.floats(2, 8), st.floats(0.5, 4))
@@ -158,7 +139,6 @@ def test_geodesic_variant_is_the_angle():
         measured(TwoViews(), (4, -1, 1.2), (0, 0.3, 0), variants=v) for v in (Variants(), Variants(geodesic=True))
     )
     np.testing.assert_allclose(geodesic.epipolar, np.arcsin(plain.epipolar))
-    assert geodesic.epipolar[0] / plain.epipolar[0] == pytest.approx(1 + plain.epipolar[0] ** 2 / 6, abs=1e-6)
 
 
 def test_ungated_height_sees_an_object_at_the_hosts_own_speed():

@@ -108,18 +108,6 @@ class Annotated(Bare):
         self.threshold, self.images, self.anything = threshold, images, anything
 
 
-class NoMethod:
-    """Has all that a method has, and does not derive from it."""
-
-    name, history = "no-method", 1
-
-    def settings(self):
-        return {}
-
-    def segment(self, frame):
-        raise NotImplementedError
-
-
 HERE = f"{__name__}:"
 NOT_DERIVED = r"derived from bench\.methods\.Method, got {0}.*class {0}\(Method\)"
 
@@ -130,7 +118,7 @@ NOT_DERIVED = r"derived from bench\.methods\.Method, got {0}.*class {0}\(Method\
         ("sperical", {}, UnknownNameError, "did you mean 'spherical'"),
         ("nowhere:Method", {}, UsageError, "No module named 'nowhere'"),
         ("bench.methods.baselines:Nobody", {}, UsageError, "no attribute 'Nobody'"),
-        (HERE + "NoMethod", {}, UsageError, NOT_DERIVED.format("NoMethod")),
+        (HERE + "Inner", {}, UsageError, NOT_DERIVED.format("Inner")),
         (HERE + "test_contract", {}, UsageError, NOT_DERIVED.format("test_contract")),
         ("bench.methods:Method", {}, UsageError, "abstract class Method"),
         (HERE + "Own", {}, UsageError, r"attribute 'forgotten' .* set self\.forgotten, or write settings\(\)"),
@@ -210,14 +198,9 @@ UNFIT = {
 
 @pytest.mark.parametrize("case", UNFIT)
 def test_an_attribute_that_is_not_what_the_contract_asks_for_is_named_with_its_class(case, monkeypatch):
-    class Unfit(Method):
-        name = "unfit"
-
+    class Unfit(Bare):
         def __init__(self):
             setattr(self, *attribute)
-
-        def segment(self, frame):
-            raise NotImplementedError
 
     attribute, told = UNFIT[case]
     monkeypatch.setattr(f"{__name__}.Unfit", Unfit, raising=False)

@@ -11,8 +11,6 @@ from tests.support.board_scene import drive
 
 IMAGES = 4
 HERE = f"{__name__}:MarksBoard"
-
-
 BOARD = {"board_m": (3.0, -0.6, 0.0), "sideways_m": 0.1}
 
 

@@ -141,9 +141,6 @@ def test_channels_are_those_that_the_network_was_trained_on(scene):
         assert found == pytest.approx(expected, abs=0.3), name
 
 
-# The network of the package
-
-
 @pytest.fixture
 def weights(tmp_path):
     """A copy of the network of the package."""

@@ -34,14 +34,10 @@ def encoded(values, *options) -> bytes:
     return cv2.imencode(".png", values, options)[1].tobytes()
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        MASK.astype(np.uint8),
-        MASK.astype(np.uint8) * 255,
-        encoded(MASK.astype(np.uint8) * 255, cv2.IMWRITE_PNG_BILEVEL, 1),
-    ],
-)
+WHITE = MASK.astype(np.uint8) * 255
+
+
+@pytest.mark.parametrize("content", [MASK.astype(np.uint8), WHITE, encoded(WHITE, cv2.IMWRITE_PNG_BILEVEL, 1)])
 def test_a_mask_of_either_scale_or_of_one_bit(tmp_path, content):
     moving = read(tmp_path, content)
     assert moving.dtype == bool

@@ -73,10 +73,9 @@ def test_rays_far_outside_of_the_image_overflow_nothing():
     assert np.nanmax(np.abs(far)) > 1e15
     flow = scene.flow_at(scene.road_inverse_depth(scene.fall()))
     assert np.nanmax(np.abs(flow)) < 1.001e4
-    within = np.abs(far - scene.grid.pixels.reshape(-1, 2)).max(axis=1) < 1000
-    np.testing.assert_allclose(
-        flow.reshape(-1, 2)[within], (far - scene.grid.pixels.reshape(-1, 2))[within], rtol=1e-5, atol=1e-4
-    )
+    moved = far - scene.grid.pixels.reshape(-1, 2)
+    within = np.abs(moved).max(axis=1) < 1000
+    np.testing.assert_allclose(flow.reshape(-1, 2)[within], moved[within], rtol=1e-5, atol=1e-4)
     images = tuple(texture(ROAD)[at : at + 400, at : at + 640].astype(np.uint8) for at in (0, 8))
     given = replace(
         frame(*images, STEP, valid=np.ones((400, 640), bool)), camera=STEEP, road=road, current_from_previous=(motion,)
@@ -86,12 +85,8 @@ def test_rays_far_outside_of_the_image_overflow_nothing():
 
 
 def test_a_head_far_outside_of_the_image_overflows_nothing():
-    steep = pitched_down(np.deg2rad(50))
-    scene = RigidScene(
-        camera=STEEP,
-        current_from_previous=RigidTransform(np.eye(3), np.zeros(3)),
-        road=RoadPlane(steep @ np.array([0.0, 0.0, -1.0]), 0.8),
-    )
+    road = RoadPlane(pitched_down(np.deg2rad(50)) @ np.array([0.0, 0.0, -1.0]), 0.8)
+    scene = RigidScene(camera=STEEP, current_from_previous=RigidTransform.identity(), road=road)
     fall = at_every_pixel(scene.fall().astype(np.float32), STEEP)
     nowhere = np.zeros(fall.shape, dtype=bool)
     for row in range(60, 380, 2):  # some heads are nearly at a right angle to the axis
@@ -102,12 +97,8 @@ def test_a_head_far_outside_of_the_image_overflows_nothing():
 
 def test_the_nearest_point_of_a_curve():
     curve = [np.array([[0.0, 0.0]], np.float32), np.array([[4.0, 0.0]], np.float32), np.array([[4.0, 4.0]], np.float32)]
-    for flow, expected, place in (
-        ((1, 2), (1, 0), 0.25),
-        ((6, 1), (4, 1), 1.25),
-        ((-3, 0), (0, 0), 0),
-        ((4, 9), (4, 4), 2),
-    ):
+    answers = [((1, 2), (1, 0), 0.25), ((6, 1), (4, 1), 1.25), ((-3, 0), (0, 0), 0), ((4, 9), (4, 4), 2)]
+    for flow, expected, place in answers:
         squared, point, where = nearest_on_curve(np.array([flow], np.float32), curve, None)
         np.testing.assert_allclose(point[0], expected, atol=1e-6)
         assert squared[0] == pytest.approx(np.sum(np.subtract(flow, expected) ** 2))
@@ -139,21 +130,16 @@ def test_motion_is_refined_by_points_on_the_road_and_beside_it():
     pixels, seen = CAMERA.project(previous)
     pixels[:60] += generator.normal(0, 15, (60, 2))  # what moves
     pitch = Rotation.from_rotvec([np.deg2rad(0.2), 0, 0]).as_matrix()
-    recorded = RigidScene(
-        camera=CAMERA,
-        current_from_previous=RigidTransform(pitch @ views.motion.rotation, 1.02 * views.motion.translation_m),
-        road=views.road,
-    )
-    given = Correspondences(
-        rays=current[seen], pixels=pixels[seen], information=np.tile(50.0 * np.eye(2), (seen.sum(), 1, 1))
-    )
+    motion = RigidTransform(pitch @ views.motion.rotation, 1.02 * views.motion.translation_m)
+    recorded = RigidScene(camera=CAMERA, current_from_previous=motion, road=views.road)
+    information = np.tile(50.0 * np.eye(2), (seen.sum(), 1, 1))
+    given = Correspondences(rays=current[seen], pixels=pixels[seen], information=information)
     accuracy = MotionAccuracy(speed_share=0.02)
 
     def error(scene):
-        left = scene.current_from_previous.rotation @ true.current_from_previous.rotation.T
-        return np.linalg.norm(Rotation.from_matrix(left).as_rotvec()), np.linalg.norm(
-            scene.current_from_previous.translation_m - true.current_from_previous.translation_m
-        )
+        motion, true_motion = scene.current_from_previous, true.current_from_previous
+        rotation_rad = Rotation.from_matrix(motion.rotation @ true_motion.rotation.T).magnitude()
+        return rotation_rad, np.linalg.norm(motion.translation_m - true_motion.translation_m)
 
     refined = refine_motion(recorded, given, seconds=1 / 15, accuracy=accuracy)
     assert error(refined)[0] < 0.1 * error(recorded)[0]
@@ -276,15 +262,10 @@ def test_the_road_is_seen_through_what_stands_still_in_the_image_but_not_through
 def test_switches_change_the_answer_and_an_older_image_may_be_there():
     given, truth = crossing()
     whole = build_method("rigid-scene").segment(given).mask
-    for setting in (
-        {"first_guess": False},
-        {"photometric": False},
-        {"sigmas": False},
-        {"objects": {"outlines": False}},
-    ):
-        other = build_method("rigid-scene", setting).segment(given).mask
-        assert (other != whole).any(), setting
-    wide = other  # without outlines it holds what the body has just uncovered, too
+    for switch in ("first_guess", "photometric", "sigmas"):
+        assert (build_method("rigid-scene", {switch: False}).segment(given).mask != whole).any(), switch
+    # Without outlines it holds what the body has just uncovered, too.
+    wide = build_method("rigid-scene", {"objects": {"outlines": False}}).segment(given).mask
     assert (whole & ~truth).sum() < 0.7 * (wide & ~truth).sum()
     assert (whole & truth).sum() > 0.9 * (wide & truth).sum()
 

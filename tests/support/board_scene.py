@@ -33,14 +33,8 @@ ROAD, WALL, BOX = 1, 2, 3  # seeds of their textures
 
 
 def sample(pattern, x, y, pixels_per_m):
-    size = pattern.shape[0]
-    return cv2.remap(
-        pattern,
-        ((x * pixels_per_m) % size).astype(np.float32),
-        ((y * pixels_per_m) % size).astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_WRAP,
-    )
+    u, v = ((place_m * pixels_per_m % len(pattern)).astype(np.float32) for place_m in (x, y))
+    return cv2.remap(pattern, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
 
 def scene(position_m, box_m=None):
@@ -75,8 +69,12 @@ def render(position_m, box_m=None):
     return image.astype(np.uint8), board
 
 
+def camera_from_world(position_m):
+    return RigidTransform(LOOK, -LOOK @ (MOUNT_M + position_m))
+
+
 def frame(previous, current, step_m, valid=None):
-    before, now = (RigidTransform(LOOK, -LOOK @ (MOUNT_M + p)) for p in ((0.0, 0.0, 0.0), step_m))
+    before, now = camera_from_world(np.zeros(3)), camera_from_world(step_m)
     return MethodInput(
         images=(previous, current),
         timestamps_ns=(0, 66_666_667),
@@ -94,21 +92,16 @@ def scaled(given, width, height):
     return replace(given, images=images, camera=given.camera.scaled(width, height), valid=valid)
 
 
-def share(mask, region):
-    return mask[region].mean()
-
-
 STEP = np.array([0.06, 0.0, 0.0])
 
 
 @cache
 def crossing():
     """What a method is given of two images of a board that crosses, and the board's mask; nobody changes them."""
-    previous, _ = render(np.zeros(3), np.array([3.0, -0.6, 0.0]))
-    current, mask = render(STEP, np.array([3.0, -0.3, 0.0]))
-    for image in (previous, current, mask):
+    given, (_, mask) = drive(range(2), (3.0, -0.6, 0.0), sideways_m=0.3)
+    for image in (*given.images, mask):
         image.flags.writeable = False
-    return frame(previous, current, STEP), mask
+    return given, mask
 
 
 def drive(numbers, board_m, sideways_m, step=STEP):

@@ -37,9 +37,8 @@ def opened(browser, file, *, width=1280, scheme="light"):
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
-    browser.get(
-        "about:blank"
-    )  # the same address once more is a reload, whose end the driver may miss on a busy machine
+    # The same address once more is a reload, whose end the driver may miss on a busy machine.
+    browser.get("about:blank")
     browser.get_log("browser")
     browser.get(file if isinstance(file, str) else file.as_uri())
     WebDriverWait(browser, 60).until(lambda b: b.execute_script("return document.readyState") == "complete")

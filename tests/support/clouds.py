@@ -8,13 +8,8 @@ import numpy as np
 
 def write_points(path, arrays):
     """Write `points_lidar`, and what else the format of the suffix holds."""
-    {
-        ".npz": write_npz,
-        ".bin": write_bin,
-        ".pcd": write_cloud,
-        ".las": write_laz,
-        ".laz": write_laz,
-    }[path.suffix](path, arrays)
+    writers = {".npz": write_npz, ".bin": write_bin, ".pcd": write_cloud, ".las": write_laz, ".laz": write_laz}
+    writers[path.suffix](path, arrays)
 
 
 def write_npz(path, arrays):

@@ -9,7 +9,7 @@ from bench.egomotion import planar_trajectory
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
-from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
+from tests.support.tiny import VEHICLE_FROM_LIDAR, pixels, write_head
 
 START_NS = 1_700_000_000_000_000_000
 IMAGE_NS, SWEEP_NS, BUS_NS = 66_666_667, 100_000_000, 10_000_000
@@ -90,18 +90,14 @@ def sweep(index, path):
 def tracks(path, margin_m):
     made = []
     for name, (kind, _, heading, speed, size_m) in OBJECTS.items():
-        states = []
+        velocity_world_mps, states = speed * np.array([np.cos(heading), np.sin(heading), 0.0]), []
         for i in range(SWEEPS):
             time_ns = START_NS + i * SWEEP_NS
             vehicle_from_world = path.world_from_vehicle(time_ns).inverse()
-            velocity = speed * np.array([np.cos(heading), np.sin(heading), 0.0])
-            shape = Cuboid(
-                vehicle_from_object=vehicle_from_world @ pose_at(name, i * SWEEP_NS / 1e9),
-                size_m=np.array(size_m) + 2 * margin_m,
-            )
-            states.append(
-                ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=vehicle_from_world.rotate(velocity))
-            )
+            pose = vehicle_from_world @ pose_at(name, i * SWEEP_NS / 1e9)
+            shape = Cuboid(vehicle_from_object=pose, size_m=np.array(size_m) + 2 * margin_m)
+            velocity_mps = vehicle_from_world.rotate(velocity_world_mps)
+            states.append(ObjectState(timestamp_ns=time_ns, shape=shape, velocity_mps=velocity_mps))
         made.append(Track(track_id=name, object_class=kind, states=tuple(states)))
     return tuple(made)
 
@@ -111,19 +107,10 @@ MARGIN_M = 0.03  # around objects whose returns scatter by 1 cm
 
 def write_drive(root: Path, margin_m: float = 0.0) -> Path:
     """Boxes end where the objects do, but for a margin on every side."""
-    path = trajectory()
-    writer = RecordingWriter(root)
-    writer.header(
-        name=root.name,
-        licence="Apache-2.0",
-        frame_interval_ns=IMAGE_NS,
-        cameras={"front": front_camera()},
-        vehicle_from_lidar=VEHICLE_FROM_LIDAR,
-        vehicle_outline_m=OUTLINE_M,
-    )
+    path, writer = trajectory(), RecordingWriter(root)
+    write_head(root, frame_interval_ns=IMAGE_NS)
     for i in range(IMAGES):
-        pixels = np.random.default_rng(i).integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
-        writer.image("front", START_NS + i * IMAGE_NS, pixels)
+        writer.image("front", START_NS + i * IMAGE_NS, pixels(i))
     for i in range(SWEEPS):
         writer.sweep(sweep(i, path))
     count = len(path.timestamps_ns)

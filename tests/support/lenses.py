@@ -1,11 +1,12 @@
 """One lens per model, and the real ones where they are at hand."""
 
 import json
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
-import yaml
 
+from bench.adapters.kitti360 import Kitti360Options, read_rig
 from bench.cameras import (
     BrownConradyCamera,
     CameraModel,
@@ -73,8 +74,7 @@ def real_woodscape() -> list[RadialPolynomialCamera]:
     return [RadialPolynomialCamera.from_woodscape(json.loads(f.read_text())["intrinsic"]) for f in files]
 
 
-def real_kannala_brandt() -> list[tuple[KannalaBrandtCamera, np.ndarray, np.ndarray]]:
-    found = []
+def real_kannala_brandt() -> Iterator[tuple[KannalaBrandtCamera, np.ndarray, np.ndarray]]:
     for file in sorted((REAL / "surround_view_kb" / "yaml").glob("*.yaml")):
         storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
         matrix, terms = storage.getNode("camera_matrix").mat(), storage.getNode("dist_coeffs").mat().ravel()
@@ -86,25 +86,9 @@ def real_kannala_brandt() -> list[tuple[KannalaBrandtCamera, np.ndarray, np.ndar
             principal_point=(matrix[0, 2], matrix[1, 2]),
             coefficients=terms,
         )
-        found.append((camera, matrix, terms))
-    return found
+        yield camera, matrix, terms
 
 
-def real_unified() -> list[UnifiedCamera]:
-    found = []
-    for file in sorted((REAL / "kitti360" / "calibration").glob("image_0[23].yaml")):
-        text = file.read_text().split("\n", 1)[1].replace(":", ": ")
-        data = yaml.safe_load(text)
-        mirror, bend, scale = (data[k] for k in ("mirror_parameters", "distortion_parameters", "projection_parameters"))
-        found.append(
-            UnifiedCamera(
-                width=data["image_width"],
-                height=data["image_height"],
-                xi=mirror["xi"],
-                focal=(scale["gamma1"], scale["gamma2"]),
-                principal_point=(scale["u0"], scale["v0"]),
-                radial=(bend["k1"], bend["k2"]),
-                tangential=(bend["p1"], bend["p2"]),
-            )
-        )
-    return found
+def real_unified() -> list[CameraModel]:
+    _, _, cameras = read_rig(REAL / "kitti360", ("image_02", "image_03"), Kitti360Options())
+    return [camera.model for camera in cameras.values()]

@@ -5,9 +5,6 @@ import signal
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar
-
-Result = TypeVar("Result")
 
 
 @contextmanager
@@ -26,8 +23,8 @@ def at_most(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def peak_bytes(run: Callable[[], Result]) -> tuple[int, Result]:
-    """The most memory that Python holds in a call, and what the call gives.
+def peak_bytes(run: Callable[[], object]) -> int:
+    """The most memory that Python holds in a call.
 
     The smaller of two calls counts: servers of other tests in this process can only add to one.
     """
@@ -36,11 +33,11 @@ def peak_bytes(run: Callable[[], Result]) -> tuple[int, Result]:
         gc.collect()
         tracemalloc.start()
         try:
-            result = run()
+            run()
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
-    return min(peaks), result
+    return min(peaks)
 
 
 @contextmanager

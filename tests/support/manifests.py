@@ -7,15 +7,9 @@ from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRu
 from bench.methods import known_methods
 
 
-def provenance(*, images: int = 9, started_utc: str = "2026-01-02T03:04") -> Provenance:
-    return Provenance(
-        started_utc=started_utc,
-        seconds=2.0,
-        images=images,
-        images_asked=images,
-        workers=1,
-        peak_memory_mb=1.0,
-    )
+def provenance(*, images: int = 9) -> Provenance:
+    made = {"started_utc": "2026-01-02T03:04", "seconds": 2.0, "workers": 1, "peak_memory_mb": 1.0}
+    return Provenance(**made, images=images, images_asked=images)
 
 
 def method_of_run(

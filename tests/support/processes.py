@@ -1,6 +1,5 @@
 """Watching processes that a test started."""
 
-import os
 import resource
 import subprocess
 import time
@@ -12,23 +11,20 @@ PATIENCE_S = 300.0  # of a busy machine
 
 
 def alive(pid: int) -> bool:
-    """Whether a process runs; one that has ended and waits to be told of does not."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    state = Path(f"/proc/{pid}/stat")
-    try:
-        return not state.exists() or state.read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):  # it ended just now
-        return False
+    """Whether a process runs."""
+    return _runs("pid", pid)
 
 
 def group_lives(leader: int) -> bool:
-    """Whether a process of the group runs; one that has ended and waits to be told of does not."""
-    listed = subprocess.run(["ps", "-A", "-o", "pgid=", "-o", "stat="], check=True, capture_output=True, text=True)
+    """Whether a process of the group runs."""
+    return _runs("pgid", leader)
+
+
+def _runs(column: str, number: int) -> bool:
+    """Whether ps lists a process that has not ended; one that waits to be told of has."""
+    listed = subprocess.run(["ps", "-A", "-o", f"{column}=", "-o", "stat="], check=True, capture_output=True, text=True)
     rows = (line.split() for line in listed.stdout.splitlines())
-    return any(int(group) == leader and not state.startswith("Z") for group, state in rows)
+    return any(int(listed_number) == number and not state.startswith("Z") for listed_number, state in rows)
 
 
 def pids(file: Path) -> list[int]:

@@ -5,16 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from bench.annotation.decisions import applied
-from bench.annotation.store import (
-    Doubt,
-    Judge,
-    Proposed,
-    Review,
-    StoredTrack,
-    box_states,
-    review_file,
-    write_review,
-)
+from bench.annotation.store import Doubt, Judge, Proposed, Review, StoredTrack, box_states, review_file, write_review
 from bench.recordings import Cuboid
 
 STEP_NS = 100_000_000

@@ -8,15 +8,7 @@ from scipy.spatial.transform import Rotation
 from bench.cameras import CameraModel, RadialPolynomialCamera
 from bench.geometry import RigidTransform, RoadPlane
 from bench.lidar import LidarSweep
-from bench.recordings import (
-    Cuboid,
-    GroundPolygon,
-    MountedCamera,
-    ObjectState,
-    PointIndices,
-    RecordingWriter,
-    Track,
-)
+from bench.recordings import Cuboid, GroundPolygon, MountedCamera, ObjectState, PointIndices, RecordingWriter, Track
 
 STEP_NS = 66_666_667
 TIMES_NS = tuple(1_700_000_000_000_000_000 + i * STEP_NS for i in range(3))
@@ -27,9 +19,8 @@ VEHICLE_FROM_LIDAR = RigidTransform.from_yaw(0.1, (1.2, 0.0, 1.8))
 
 
 def lens() -> CameraModel:
-    return RadialPolynomialCamera(
-        width=WIDTH, height=HEIGHT, coefficients=(20.0, 0.5, -0.25, 0.0), principal_point=(31.5, 23.5)
-    )
+    coefficients = (20.0, 0.5, -0.25, 0.0)
+    return RadialPolynomialCamera(width=WIDTH, height=HEIGHT, coefficients=coefficients, principal_point=(31.5, 23.5))
 
 
 def front_camera(model: CameraModel | None = None, *, ground_height_m: float = 0.0) -> MountedCamera:

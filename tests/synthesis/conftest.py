@@ -35,8 +35,6 @@ recordings:
 """
 
 REAL = "vehicle: {suspension: {road_class: B}, bus: {}, calibration: {}}\n"
-
-
 IDEAL = ""
 
 

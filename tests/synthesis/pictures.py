@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench.geometry import RoadPlane
+from bench.geometry import RoadPlane, cross, dot
 from bench.recordings import MountedCamera
 from bench.synthesis.imaging.faces import texture_atlas
 from bench.synthesis.imaging.renderer import ImageRenderer
@@ -18,6 +18,18 @@ EXACT = SensorSpec(edge_light=1.0, read_noise_grey=0.0, full_well_electrons=None
 
 def road(surface):
     return quads([[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]], surface)
+
+
+def volume_m3(mesh):
+    """By the divergence theorem: positive only if every face looks outwards."""
+    a, b, c = (mesh.corners_m[:, k] for k in range(3))
+    return float(dot(a, cross(b, c)).sum() / 6)
+
+
+def wall(x_m, surface=PLAIN, *, y_m=(-20, 20), height_m=8):
+    """Faces backwards, to who stands before it."""
+    right_m, left_m = y_m
+    return quads([[x_m, left_m, 0], [x_m, right_m, 0], [x_m, right_m, height_m], [x_m, left_m, height_m]], surface)
 
 
 def mounted(model, vehicle_from_camera):

@@ -12,6 +12,7 @@ import pytest
 from bench.recordings import load_card
 from bench.synthesis import read_scenario
 from bench.synthesis.bodies import BODIES, make_body
+from bench.synthesis.ego import mounted_camera
 from bench.synthesis.scenario import named_rng
 from bench.synthesis.scene import plan_trajectories
 from bench.synthesis.world.plan import drawn_plan
@@ -82,6 +83,11 @@ def test_development_covers_every_light_on_dry_and_wet_roads():
 def test_range_maps_reach_20_m_in_every_direction_for_every_class():
     maps = scenario("range-maps")
     assert {camera.name for camera in maps.cameras} == {"front", "rear", "left", "right"}
+    for camera in maps.cameras:  # sees a part of the ego vehicle at its lower edge
+        body = mounted_camera(camera).ego_body
+        assert 0.05 < body.mean() < 0.32
+        assert body[400:].mean() > 5 * body[:240].mean()
+        assert not body[200:280, 300:340].any()
     assert 2000 <= sum(spec.frames for spec in maps.recordings) <= 2500
     for object_class, direction in product(("pedestrian", "cyclist", "vehicle"), ("lateral", "longitudinal")):
         specs = [spec for spec in maps.recordings if spec.name.startswith(f"{object_class}-{direction}")]

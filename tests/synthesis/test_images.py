@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.cameras import PinholeCamera, RadialPolynomialCamera, camera_parameters, ray_grid
 from bench.geometry import RigidTransform
@@ -9,19 +10,17 @@ from bench.synthesis.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.exposure import Sensor
 from bench.synthesis.imaging.renderer import Moment
 from bench.synthesis.imaging.visibility import lens_of
-from bench.synthesis.mesh import PlacedMesh, Surface, box, joined, quads
+from bench.synthesis.mesh import PlacedMesh, Surface, box, joined
 from bench.synthesis.scenario import CameraSpec, SensorSpec
 from tests.support.lenses import LENSES
-from tests.synthesis.pictures import EXACT, GREY, mounted, renderer_of, road
+from tests.synthesis.pictures import EXACT, GREY, mounted, renderer_of, road, wall
 
 SIZE = {"width": 320, "height": 240}
 MODELS = {name: lens.scaled(**SIZE) for name, lens in LENSES.items()}
 MODELS["pinhole"] = PinholeCamera(**SIZE, focal=(100, 100), principal_point=(159.5, 119.5))  # wide enough for the box
 FISHEYE = MODELS["radial_polynomial"]
-PITCH = RigidTransform(
-    np.array([[np.cos(0.3), 0, np.sin(0.3)], [0, 1, 0], [-np.sin(0.3), 0, np.cos(0.3)]]), np.zeros(3)
-)
-VEHICLE_FROM_CAMERA = RigidTransform(PITCH.rotation @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
+PITCH = Rotation.from_rotvec([0, 0.3, 0]).as_matrix()
+VEHICLE_FROM_CAMERA = RigidTransform(PITCH @ AHEAD_FROM_CAMERA, np.array([3.7, 0.1, 0.8]))
 WORLD_FROM_VEHICLE = RigidTransform.from_yaw(0.4, [20.0, -7.0, 0.0])
 
 
@@ -87,9 +86,9 @@ def test_a_camera_looks_where_its_angles_say_and_its_body_mask_covers_what_is_se
 
 ROAD = road(GREY)
 AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 0.8]))
-MODEL = RadialPolynomialCamera(
-    width=157, height=117, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(78.0, 58.0)
-)  # whole tiles neither across nor down
+BODY = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
+# Whole tiles neither across nor down.
+MODEL = RadialPolynomialCamera(width=157, height=117, coefficients=(42, -3, 5, -0.8), principal_point=(78.0, 58.0))
 
 
 def renderer(kind, world=ROAD):
@@ -108,11 +107,10 @@ def image(renderer, body, way_m):
 
 @pytest.mark.parametrize("kind", ["sunny", "overcast", "night"])
 def test_image_is_the_same_whatever_was_rendered_before(kind):
-    body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
     used = renderer(kind)
     for way_m in (0.0, 30.0, -2.0):
-        image(used, body, way_m)
-    alone, later = image(renderer(kind), body, 1.0), image(used, body, 1.0)
+        image(used, BODY, way_m)
+    alone, later = image(renderer(kind), BODY, 1.0), image(used, BODY, 1.0)
     assert np.array_equal(alone.pixels, later.pixels)
     assert np.array_equal(alone.instance_ids, later.instance_ids)
     assert np.array_equal(alone.distances_m, later.distances_m)
@@ -121,19 +119,17 @@ def test_image_is_the_same_whatever_was_rendered_before(kind):
 
 def test_what_lies_behind_changes_nothing():
     # Hidden triangles are found early, in an order that depends on all of them.
-    body = box([2.0, 1.2, 1.5], [9.0, 0.0, 0.75], GREY)
-    wall = quads([[14, 9, 0], [14, -9, 0], [14, -9, 6], [14, 9, 6]], GREY)
     behind = box([1.0, 3.0, 2.0], [16.0, 0.0, 1.0], GREY)
-    front, more = joined(ROAD, wall), joined(behind, ROAD, wall)
-    without, with_hidden = (image(renderer("overcast", world), body, 0.0) for world in (front, more))
+    front = joined(ROAD, wall(14, GREY, y_m=(-9, 9), height_m=6))
+    more = joined(behind, front)
+    without, with_hidden = (image(renderer("overcast", world), BODY, 0.0) for world in (front, more))
     assert np.array_equal(without.instance_ids, with_hidden.instance_ids)
     assert np.array_equal(without.distances_m, with_hidden.distances_m)
 
 
 def test_lamps_of_bodies_glow_by_night_alone():
-    lamp, off = (
-        box([0.5, 0.8, 0.8], [7.0, 0.0, 1.0], Surface(albedo=0.2, contrast=0.0, glow=glow)) for glow in (0.6, 0.0)
-    )
+    glass = [Surface(albedo=0.2, contrast=0.0, glow=glow) for glow in (0.6, 0.0)]
+    lamp, off = (box([0.5, 0.8, 0.8], [7.0, 0.0, 1.0], surface) for surface in glass)
     for kind, brighter in (("sunny", False), ("night", True)):
         lit, dark = (image(renderer(kind), body, 0.0).pixels.astype(int) for body in (lamp, off))
         assert ((lit - dark).max() > 50) == brighter
@@ -145,9 +141,8 @@ LOW_AHEAD = RigidTransform(AHEAD_FROM_CAMERA, np.array([0.0, 0.0, 1.0]))
 
 
 def test_edge_of_the_lens_gets_its_share_of_the_light():
-    lens = lens_of(CAMERA)
     spec = EXACT.model_copy(update={"edge_light": 0.5})
-    pixels = Sensor(spec, lens, gain=1.0).expose(EVEN, np.random.default_rng(0))
+    pixels = Sensor(spec, lens_of(CAMERA), gain=1.0).expose(EVEN, np.random.default_rng(0))
     assert pixels[59, 79] == 102
     assert pixels[0, 0] == pytest.approx(51, abs=1)
 
@@ -165,8 +160,7 @@ def test_noise_has_its_variance(gain, grey):
 def test_stripe_is_smeared_by_its_way_in_the_image():
     # A white stripe 8 m ahead moves 0.8 m to the left while the shutter is open: 0.8 / 8 * 80 px = 8 px.
     black, white = Surface(albedo=0.02, contrast=0.0), Surface(albedo=0.7, contrast=0.0)
-    wall = quads([[9, 30, -20], [9, -30, -20], [9, -30, 20], [9, 30, 20]], black)
-    renderer = renderer_of(mounted(CAMERA, LOW_AHEAD), world=wall)
+    renderer = renderer_of(mounted(CAMERA, LOW_AHEAD), world=wall(9, black, y_m=(-30, 30), height_m=20))
 
     def at(y_m):
         stripe = box([0.02, 2.0, 4], [8.01, y_m, 1], white)
@@ -186,16 +180,13 @@ def test_stripe_is_smeared_by_its_way_in_the_image():
 
 
 def test_ego_vehicle_that_turns_leaves_its_own_body_sharp():
-    camera_model = RadialPolynomialCamera(
-        width=160, height=120, coefficients=(42.0, -3.0, 5.0, -0.8), principal_point=(79.5, 59.5)
-    )
     rough = Surface(albedo=0.5, contrast=0.4, texel_m=0.02)
     own_body = box([2, 4, 0.2], [0.3, 0, 0.3], rough)
-    renderer = renderer_of(mounted(camera_model, LOW_AHEAD), world=road(rough), own_body=own_body)
+    renderer = renderer_of(mounted(MODEL, LOW_AHEAD), world=road(rough), own_body=own_body)
     moments = [Moment(placed=[], world_from_vehicle=RigidTransform.from_yaw(0, [x_m, 0, 0])) for x_m in (-0.8, 0, 0.8)]
     still = renderer.render(moments[1], rng=np.random.default_rng(0))
     moved = renderer.render(moments[1], shutter=(moments[0], moments[2]), rng=np.random.default_rng(0))
-    own = np.zeros((120, 160), dtype=bool)
+    own = np.zeros((MODEL.height, MODEL.width), dtype=bool)
     own[100:, 60:100] = True
     ground = np.zeros_like(own)
     ground[68:75, 20:140] = True

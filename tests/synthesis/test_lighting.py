@@ -9,7 +9,7 @@ from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.renderer import Moment
 from bench.synthesis.mesh import PlacedMesh, Surface, box, joined, quads
 from bench.synthesis.scene import KINDS
-from tests.synthesis.pictures import PLAIN, mounted, renderer_of, road
+from tests.synthesis.pictures import PLAIN, mounted, renderer_of, road, wall
 
 pytestmark = pytest.mark.slow
 
@@ -79,10 +79,11 @@ def test_panes_mirror_more_at_a_grazing_angle():
 
 def test_headlights_light_the_road_ahead_and_bodies_shade_it():
     screen = PlacedMesh(mesh=box([0.1, 3, 1.5], [12, 0, 0.75], PLAIN), instance_id=1)
-    wall = joined(ROAD, quads([[25, 9, 0], [25, -9, 0], [25, -9, 5], [25, 9, 5]], PLAIN))
+    world = joined(ROAD, wall(25, y_m=(-9, 9), height_m=5))
     mounting = RigidTransform(AHEAD_FROM_CAMERA, np.array([3.7, 0.0, 1.8]))  # sees over the screen
-    without = seen(kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)
-    shaded = seen(screen, kind="night", sun=(0, 1, 1), world=wall, mounting=mounting)
+    without, shaded = (
+        seen(*placed, kind="night", sun=(0, 1, 1), world=world, mounting=mounting) for placed in ((), (screen,))
+    )
     free = (shaded.instance_ids == 0) & (without.distances_m < 24)
     assert without.pixels[free].max() > 60
     assert without.pixels[0:40].max() < 20

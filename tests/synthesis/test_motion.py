@@ -90,13 +90,10 @@ def test_the_answer_to_a_sudden_brake_overshoots_by_its_damping_and_swings_at_it
     ego = sprung(drive([0, 6], [18.0, 0.0]))
     pitch_deg, seconds = np.degrees(ego.attitude.pitch_rad), ego.nodes_ns / SECOND_NS
     braking = (seconds > 0) & (seconds < 5.5)
-    ratio = 0.35
+    ratio, damped = 0.35, np.sqrt(1 - 0.35**2)
     peak = int(np.argmax(pitch_deg[braking]))
-    damped_hz = 1.3 * np.sqrt(1 - ratio**2)
-    assert seconds[braking][peak] == pytest.approx(0.5 / damped_hz, abs=0.005)
-    assert pitch_deg[braking][peak] == pytest.approx(
-        0.9 * (1 + np.exp(-np.pi * ratio / np.sqrt(1 - ratio**2))), rel=0.01
-    )
+    assert seconds[braking][peak] == pytest.approx(0.5 / (1.3 * damped), abs=0.005)
+    assert pitch_deg[braking][peak] == pytest.approx(0.9 * (1 + np.exp(-np.pi * ratio / damped)), rel=0.01)
     assert pitch_deg[braking][-1] == pytest.approx(0.9, rel=0.01)
 
 

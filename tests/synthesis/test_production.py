@@ -130,7 +130,6 @@ OWN = {
     "a link": lambda drive: (drive / "images" / "documents").symlink_to(drive.parent),
     "another's manifest": lambda drive: shutil.copy(drive.parent / "crossing" / MANIFEST, drive / MANIFEST),
     "a broken manifest": lambda drive: (drive / MANIFEST).write_text('{"files": "2"}'),
-    "a manifest without files": lambda drive: (drive / MANIFEST).write_text('{"a": 1}'),
     "no manifest": lambda drive: (drive / MANIFEST).unlink(),
 }
 

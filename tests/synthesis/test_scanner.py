@@ -7,7 +7,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import deskew, interpolation_timestamps
 from bench.synthesis.bodies import make_body
 from bench.synthesis.ego import own_body
-from bench.synthesis.mesh import Surface, joined, quads
+from bench.synthesis.mesh import Surface, joined
 from bench.synthesis.motion import ego_motion
 from bench.synthesis.scanner import BEAMS_DEG, COLUMN_OF, Echoes, LidarScanner, _are_panes, detected, revolution
 from bench.synthesis.scenario import LidarSpec, StreetSpec, SuspensionSpec
@@ -15,18 +15,13 @@ from bench.synthesis.scene import Actor
 from bench.synthesis.world import build_world
 from bench.times import SECOND_NS
 from tests.synthesis.conftest import drive
+from tests.synthesis.pictures import PLAIN, road, wall
 
-GREY = Surface(albedo=0.4, contrast=0.0)
 ROOF = RigidTransform(np.eye(3), np.array([1.2, 0.0, 1.8]))
 PERFECT = {"position_m": (1.2, 0.0, 1.8), "range_noise_m": 0.0, "weakest_return_per_m2": 0.0}
 
 
-def floor(surface=GREY):
-    return quads([[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]], surface)
-
-
-def wall(x_m, surface=GREY):
-    return quads([[x_m, 20, 0], [x_m, -20, 0], [x_m, -20, 8], [x_m, 20, 8]], surface)
+FLOOR = road(PLAIN)
 
 
 def ego(speed_mps=0.0, yaw_rate_radps=0.0, suspension=None):
@@ -82,8 +77,7 @@ def test_beams_of_two_blocks_start_where_the_calibration_says():
 @pytest.mark.parametrize("beams", ["one_origin", "two_blocks"])
 def test_static_points_freed_of_the_ego_vehicles_motion_lie_on_their_surfaces(beams):
     motion = ego(12.0, 0.35, SuspensionSpec(road_class="B"))
-    near = quads([[6.0, 20, 0], [6.0, 3, 0], [6.0, 3, 8], [6.0, 20, 8]], GREY)
-    sweep = scan(scanner(joined(floor(), near, wall(22.0)), motion, beams=beams))
+    sweep = scan(scanner(joined(FLOOR, wall(6.0, y_m=(3, 20)), wall(22.0)), motion, beams=beams))
 
     def farthest_off_m(motion):
         x, _, z = placed(sweep, motion).T
@@ -112,14 +106,14 @@ def share_returned(surface, x_m, **changes):
     """Of the pulses within 20 degrees of straight ahead on a wall."""
     found, possible = (
         len(scan(scanner(wall(x_m, look), ego(), sector_deg=40.0, max_range_m=80.0, **more)).points_lidar)
-        for look, more in ((surface, changes), (GREY, {}))
+        for look, more in ((surface, changes), (PLAIN, {}))
     )
     return found / possible
 
 
 def test_dark_and_far_surfaces_return_fewer_pulses():
     real = {"weakest_return_per_m2": 5e-6}
-    assert share_returned(Surface(albedo=0.5, contrast=0.0), 20.0, **real) > 0.999
+    assert share_returned(PLAIN, 20.0, **real) > 0.999
     assert share_returned(Surface(albedo=0.02, contrast=0.0), 20.0, **real) > 0.99
     assert 0.3 < share_returned(Surface(albedo=0.02, contrast=0.0), 65.0, **real) < 0.7
     assert share_returned(Surface(albedo=0.004, contrast=0.0), 65.0, **real) < 0.05
@@ -155,16 +149,16 @@ def test_windows_of_cars_and_houses_are_panes():
 
 
 def test_intensity_tells_albedo_and_incidence():
-    sweep = scan(scanner(wall(10.0, Surface(albedo=0.5, contrast=0.0)), ego(), sector_deg=20))
+    sweep = scan(scanner(wall(10.0), ego(), sector_deg=20))
     assert sweep.intensity.dtype == np.float32
     assert np.median(sweep.intensity) == pytest.approx(0.5, rel=0.05)
-    flat = scan(scanner(floor(), ego(), max_range_m=15))
+    flat = scan(scanner(FLOOR, ego(), max_range_m=15))
     steep, grazing = flat.ring == 63, flat.ring == 40
     assert np.median(flat.intensity[steep]) > 1.5 * np.median(flat.intensity[grazing])
 
 
 def test_the_ego_vehicles_roof_gives_no_points():
-    sweep = scan(scanner(floor(), ego()))
+    sweep = scan(scanner(FLOOR, ego()))
     points_vehicle = ROOF.apply(sweep.points_lidar.astype(np.float64))
     assert np.abs(points_vehicle[:, 2]).max() < 0.01
     behind = points_vehicle[np.abs(points_vehicle[:, 1]) < 0.3]
@@ -178,7 +172,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(b
     path = drive(0.0, 9.0, through=(9.0, 3.0, np.pi / 2), through_ns=SECOND_NS // 2)
     car = Actor(name="car", instance_id=1, body=body, path=path)
     motion = ego(6.0, 0.0, SuspensionSpec())
-    sweep = scan(scanner(floor(), motion, (car,), beams=beams))
+    sweep = scan(scanner(FLOOR, motion, (car,), beams=beams))
     points_world = placed(sweep, motion)
     on_car = points_world[:, 2] > 0.05
     assert on_car.sum() > 500
@@ -188,7 +182,7 @@ def test_an_actor_hides_the_world_and_is_met_where_it_is_at_the_beams_own_time(b
     assert (np.abs(local_m[:, :2]) <= half_m[:2] + 4e-3).all()
     assert (local_m[:, 2] <= body.size_m[2] + 4e-3).all()
     # Each pulse has one echo: the car takes as many as the world loses.
-    room = joined(floor(), wall(16.0))
+    room = joined(FLOOR, wall(16.0))
     with_car, without = (
         scan(scanner(room, motion, actors, sector_deg=60, max_range_m=100, beams=beams)) for actors in ((car,), ())
     )

@@ -39,7 +39,6 @@ PLACE = "[3.7, 0.0, 0.66]"
 WRONG = [
     ({"kind: adult": "kind: adlut"}, "recordings.0.actors.0.kind", "adult"),
     ({"speed_mps: 1.4": "speed_mps: -1.4"}, "recordings.0.actors.0.speed_mps.0", "-1.4"),
-    ({"speed_kmh: [5]": "speed_kmh: [-5]"}, "recordings.1.host.speed_kmh.0", "-5"),
     ({"gear: reverse": "gaer: reverse"}, "recordings.1.host.gaer", "no such key"),
     ({"radial_polynomial": "radial_polynom"}, "cameras.0", "radial_polynomial"),
     ({"times_s: [0, 0.1]": "times_s: [0, 0.1, 0.2]"}, "recordings.0.host", "speed_kmh"),
@@ -58,7 +57,6 @@ WRONG = [
 ]
 WRONG_SERIES = [
     ({"drawn, kind: adult": "drawn, kind: adlut"}, "series.0.actors.1.kind", "adult"),
-    ({"drawn, kind: adult": "drawn, kind: {choice: [adlut]}"}, "series.0.actors.1.kind", "adult"),
     ({"uniform: [5, 9]": "uniform: [-9, -5]"}, "series.0.host.speed_kmh.0", "greater than or equal to 0"),
     ({"uniform: [6, 9]": "uniform: [6]"}, "series.0.actors.1.position_m.0", "two numbers"),
     ({"count: 6": "count: 0"}, "series.0.count", "1"),
@@ -224,11 +222,6 @@ def test_swept_ground_holds_every_footprint(scenario_file):
     for ground, path, outline_m in zip(grounds, (trajectories.ego, *trajectories.actors), outlines_m, strict=True):
         footprints = MovingOutline(poses=path.at(fine), outline_m=outline_m).footprints()
         assert shapely.contains(ground, footprints).all()
-
-
-def test_footprint_is_the_outline_where_the_body_is(scenario_file):
-    scenario = read_scenario(scenario_file)
-    trajectories = plan_trajectories(scenario, scenario.recordings[0])
     outline_m = box_outline(np.array([0.8, 0.5, 1.7]))
     (walker,) = MovingOutline(poses=trajectories.actors[0].at([0]), outline_m=outline_m).footprints()
     # Walks to the left from (8, -1): its length lies across the ego vehicle's lane.

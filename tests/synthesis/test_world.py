@@ -155,9 +155,8 @@ def test_a_gantry_spans_the_whole_road_above_the_traffic_and_posts_mark_its_edge
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_another_world(kind, world):
     again = build_world(SPECS[kind], named_rng(3, kind), [WALK, DRIVE])
-    assert np.array_equal(again.mesh.corners_m, world.mesh.corners_m)
-    assert np.array_equal(again.mesh.texture_m, world.mesh.texture_m)
-    assert np.array_equal(again.mesh.surfaces, world.mesh.surfaces)
+    for name in ("corners_m", "texture_m", "surfaces"):
+        assert np.array_equal(getattr(again.mesh, name), getattr(world.mesh, name)), name
     assert [o.wkb for o in again.obstacles] == [o.wkb for o in world.obstacles]
     if kind == "street":
         other = build_world(SPECS[kind], named_rng(4, kind), [WALK, DRIVE])
