@@ -1,12 +1,13 @@
 """docs/metrics.md suffices: core and band of `surface-v1`, written from its steps in plain loops, are the builder's.
 
-What has a test of its own against other means is taken from the package: the beams of a sweep, the neighbours
-of a return, its error, the pixels of patches, a ray's way through a shape, and pixels per radian.
+What has a test of its own against other means is taken from the package: the beams of a sweep, the pixels of patches,
+a ray's way through a shape, and pixels per radian.
 """
 
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -19,7 +20,7 @@ from bench.evaluation import load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.reference import ReferenceBuilder
 from bench.reference.bands import pixels_per_radian
-from bench.reference.grid import Envelope, Grid, find_envelope
+from bench.reference.grid import Envelope, find_envelope
 from bench.reference.motion import AnnotationIndex
 from bench.reference.patches import MARGIN_PX, draw
 from bench.reference.scanned import ScannedObject
@@ -34,6 +35,76 @@ Array = NDArray[Any]
 def from_beams(points: Array, beams: Envelope) -> Array:
     """Returns as seen from where their beams start."""
     return points - np.outer(beams.starts_m(points), [0, 0, 1])
+
+
+def neighbours(points: Array, apart: float) -> SimpleNamespace:
+    """Of each return: neighbours or -1, links, certain links, (4, N); steps, (4, N, 3); row steps; the column step."""
+    x, y, z = points.T
+    flat, ranges = np.hypot(x, y), np.linalg.norm(points, axis=1)
+    azimuth = (np.arctan2(y, x) - np.arctan2(y.mean(), x.mean()) + np.pi) % (2 * np.pi) - np.pi
+    elevation = np.arctan2(z, flat)
+    column = column_step(azimuth, elevation)
+    found, turns = np.full((4, len(points)), -1), np.full((2, len(points)), np.inf)
+    lifts = np.full((2, len(points)), np.inf)
+    bins = np.floor(azimuth / (1.5 * column))
+    for k in range(len(points)):
+        for row, sign in enumerate((1, -1)):
+            others = np.flatnonzero((bins == bins[k]) & (sign * (elevation - elevation[k]) >= 0.35 * column))
+            if len(others):
+                away = np.abs(elevation[others] - elevation[k])
+                found[2 + row, k], lifts[row, k] = others[np.argmin(away)], away.min()
+    usual = usual_row_steps(elevation, lifts.min(axis=0), otherwise=column)
+    found[2:][lifts > 2.5 * usual + apart / ranges] = -1
+    bins = np.floor(azimuth / column)
+    for k in range(len(points)):
+        for side, sign in enumerate((1, -1)):
+            for columns in (1, 2):
+                others = np.flatnonzero(bins == bins[k] + sign * columns)
+                higher = elevation[others] >= elevation[k]
+                lower, upper = sorted(others[~higher], key=elevation.item), sorted(others[higher], key=elevation.item)
+                near = [
+                    (abs(elevation[j] - elevation[k]), j)
+                    for j in (*lower[-1:], *upper[:1])
+                    if column / 4 < sign * (azimuth[j] - azimuth[k]) <= 2.5 * column
+                ]
+                near = [(lift, j) for lift, j in near if lift < usual[k] / 2]
+                if near:
+                    found[side, k] = min(near, key=lambda one: one[0])[1]
+                    turns[side, k] = sign * (azimuth[found[side, k]] - azimuth[k])
+                    break
+    nearest = np.where(found[2:] >= 0, lifts, np.inf).min(axis=0)
+    row_step = np.where(np.isfinite(nearest), np.minimum(nearest, 1.5 * usual), usual)
+    depth = np.abs(ranges[found] - ranges) / np.repeat([flat * column, ranges * row_step], 2, axis=0)
+    close = np.concatenate([turns <= 1.5 * column, lifts <= 1.5 * usual])
+    left = np.column_stack([-y, x, 0 * x]) * column
+    above = np.cross(points / flat[:, None], np.column_stack([-y, x, 0 * x])) * row_step[:, None]
+    return SimpleNamespace(
+        neighbours=found,
+        linked=(found >= 0) & (depth <= 2.5 * np.tan(np.radians(80))),
+        certain=(found >= 0) & close & (depth <= np.sqrt(2.5**2 - 1)),
+        steps=np.stack([left, -left, above, -above]),
+        row_step=row_step,
+        column_rad=column,
+    )
+
+
+def column_step(azimuth: Array, elevation: Array) -> float:
+    plane, steps = np.column_stack([azimuth * np.cos(elevation), elevation]), []
+    for k in range(0, len(plane), max(1, len(plane) // 64)):
+        near = np.argsort(((plane - plane[k]) ** 2).sum(axis=1), kind="stable")[1:9]
+        turn, lift = azimuth[near] - azimuth[k], np.abs(elevation[near] - elevation[k])
+        steps += [min(turn[turn > 2 * lift])] if (turn > 2 * lift).any() else []
+    return float(np.median(steps))
+
+
+def usual_row_steps(elevation: Array, lifts: Array, *, otherwise: float) -> Array:
+    order, usual, known = np.argsort(elevation, kind="stable"), np.empty(len(lifts)), lifts[np.isfinite(lifts)]
+    for first in range(0, len(order), 100):
+        group = order[first : first + 100]
+        values = np.sort(lifts[group][np.isfinite(lifts[group])])
+        whole = np.median(known) if len(known) else otherwise
+        usual[group] = values[(len(values) - 1) // 2] if len(values) else whole
+    return usual
 
 
 def painted(patches_world: Array, scanned: ScannedObject) -> Array:
@@ -70,12 +141,11 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     sensor = placed.rotations[pose] @ placed.lidar_from_sensor.translation_m + placed.positions_m[pose]
 
     # Patches.
-    grid = scanned.grid
-    left, above = grid.step_sensor.transpose(1, 2, 0) @ rotation.T
-    step = np.stack([left, -left, above, -above])
+    grid = neighbours(sensed, beams.starts_apart_m)
+    step = grid.steps @ rotation.T
     reach = np.where(grid.linked[..., None], points[grid.neighbours] - points, step / 2)
     bottom, top, own = shape[..., 2].min(), shape[..., 2].max(), sensed[:, 2] / np.hypot(sensed[:, 0], sensed[:, 1])
-    lowest, highest = own < beams[0][1] + grid.row_step_rad / 2, own > beams[1][1] - grid.row_step_rad / 2
+    lowest, highest = own < beams[0][1] + grid.row_step / 2, own > beams[1][1] - grid.row_step / 2
 
     def corners(reach: Array, *, extended: bool = True) -> Array:
         sides = [(ABOVE, LEFT), (ABOVE, RIGHT), (BELOW, RIGHT), (BELOW, LEFT)]
@@ -91,7 +161,7 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     region = closed(painted(patches, scanned), solid=solid)
 
     # Free ends.
-    error_m, length_m = scanned.error_m, np.linalg.norm(step, axis=2)
+    error_m, length_m = outline_error(scanned, sensor, times_ns, bottom, top), np.linalg.norm(step, axis=2)
     spread = (np.sqrt(error_m**2 + length_m**2 / 12) - error_m) / length_m
     change = np.where(grid.linked, 0, spread)[..., None] * step
     outer = corners(reach + change)
@@ -121,6 +191,25 @@ def core_and_possible(scanned: ScannedObject) -> tuple[Array, Array]:
     if solid:
         possible |= valid & silence(scanned, sensor, rotation, beams, sweep, grid)
     return (core if core.any() else region & valid), possible
+
+
+def outline_error(scanned: ScannedObject, sensor: Array, times_ns: Array, bottom: float, top: float) -> Array:
+    camera_from_world, errors = scanned.exposure.camera_from_world, RULES.unknown_band
+    rays, lidar = camera_from_world.apply(scanned.cluster.points_world), camera_from_world.apply(sensor)
+    away_m, beams = np.linalg.norm(rays, axis=1), rays - lidar
+    parallax = np.linalg.norm(np.cross(rays, beams), axis=1) / (away_m * np.linalg.norm(beams, axis=1))
+    velocity = scanned.annotated.velocity_world_mps
+    speed_mps, heights = np.hypot(*velocity[:2]), (scanned.cluster.points_world[:, 2] - bottom) / (top - bottom)
+    peak = np.zeros(len(rays))
+    for limb in errors.limbs.get(scanned.annotated.track.object_class, ()):
+        share = limb.speed * (limb.joint - heights) / (limb.joint - limb.end)
+        peak = np.maximum(peak, np.where(heights >= limb.end, share, 0))
+    late_s = np.abs(times_ns - scanned.exposure.timestamp_ns) / 1e9
+    along = camera_from_world.rotate(velocity / speed_mps) if speed_mps else np.zeros(3)
+    across = np.linalg.norm(np.cross(rays / away_m[:, None], along), axis=1)
+    limbs_m = peak * speed_mps * late_s / np.sqrt(2) * across
+    parts = (np.radians(errors.angle_deg) * away_m, errors.position_m, errors.range_noise_m * parallax, limbs_m)
+    return np.sqrt(sum(np.square(part) for part in parts))
 
 
 def nearest_width(scanned: ScannedObject, error_m: Array) -> Array:
@@ -162,7 +251,7 @@ def silence(
     rotation: Array,
     beams: Envelope,
     sweep: Array,
-    grid: Grid,
+    grid: SimpleNamespace,
 ) -> Array:
     points, shape = scanned.cluster.points_world, scanned.parts_world
     own = sweep[scanned.cluster.rows]
@@ -190,7 +279,7 @@ def silence(
     corners = (shape.reshape(-1, 3) - moved.mean(axis=0) - sensor) @ rotation - [0, 0, (low + high) / 2]
     (least_azimuth, most_azimuth), (least, most) = ((angle.min(), angle.max()) for angle in directions(corners))
     least, most = max(least, np.arctan(low_slope)), min(most, np.arctan(high_slope))
-    column, row = grid.column_step_rad, np.median(grid.row_step_rad)
+    column, row = grid.column_rad, np.median(grid.row_step)
     seen = from_beams(sweep, beams)
     azimuth, elevation = directions(seen)
     own_rows = set(scanned.cluster.rows.tolist())
@@ -200,7 +289,7 @@ def silence(
         enter, leave = ways_of(azimuth[k], elevation[k])
         near[k] = k in own_rows or not (enter < leave and away[k] < enter)
     azimuth, elevation, away, order = azimuth[near], elevation[near], away[near], np.argsort(own_elevation)
-    reach = 1.25 * np.interp(elevation, own_elevation[order], grid.row_step_rad[order]) + abs(high - low) / away / 2
+    reach = 1.25 * np.interp(elevation, own_elevation[order], grid.row_step[order]) + abs(high - low) / away / 2
     faces: list[list[Array]] = []
     for left in np.arange(np.ceil((most_azimuth - least_azimuth) / column)) * column + least_azimuth:
         for lower in np.arange(np.ceil((most - least) / row)) * row + least:
