@@ -189,6 +189,7 @@ FILES = [  # what is made, what is removed, and what is said
     ("poses.csv", "", "expected one of egomotion.csv and poses.csv, got both"),
     ("", "egomotion.csv", "got neither; the reference cannot do without"),
     ("", "recording.json", "recording.json: expected a readable file"),
+    ("images/front/1.5.png", "", "got '1.5'; these would be seconds: multiply them by 1000000000"),
     *(
         (f"images/front/{name}.png", "", f"expected a name that is a time in nanoseconds, got '{name}'")
         for name in ("first", "1.5", "-3", 2**62 + 1)

@@ -10,6 +10,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from tests.support.tiny import HEIGHT, OUTLINE_M, VEHICLE_FROM_LIDAR, WIDTH, front_camera
+from tests.support.worlds import beams
 
 START_NS = 1_700_000_000_000_000_000
 IMAGE_NS, SWEEP_NS, BUS_NS = 66_666_667, 100_000_000, 10_000_000
@@ -74,10 +75,7 @@ def cast(origin, rays, boxes):
 def sweep(index, path):
     time_ns = START_NS + index * SWEEP_NS
     world_from_lidar = path.world_from_vehicle(time_ns) @ VEHICLE_FROM_LIDAR
-    azimuth, elevation = np.meshgrid(np.radians(np.arange(0, 360, 1.0)), np.radians(np.arange(-24, 6, 1.5)))
-    rays = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
-    ).reshape(-1, 3)
+    rays = beams(np.arange(0, 360, 1.0), np.arange(-24, 6, 1.5))
     seconds = index * SWEEP_NS / 1e9
     boxes = scenery() + [(pose_at(name, seconds), np.array(entry[4])) for name, entry in OBJECTS.items()]
     reach = cast(world_from_lidar.translation_m, world_from_lidar.rotate(rays), boxes)

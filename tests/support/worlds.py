@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, RoadPlane, normalise
 
@@ -14,6 +15,13 @@ def pitched_down(pitch_rad: float) -> np.ndarray:
     """camera_from_world rotation of a camera that looks ahead and down."""
     c, s = np.cos(pitch_rad), np.sin(pitch_rad)
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ FORWARD
+
+
+def beams(azimuths_deg: NDArray[np.float64], elevations_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit rays of a lidar whose axis points up, row by row, (N, 3)."""
+    azimuth, elevation = np.meshgrid(np.radians(azimuths_deg), np.radians(elevations_deg))
+    ahead, left = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
+    return np.stack([ahead, left, np.sin(elevation)], axis=-1).reshape(-1, 3)
 
 
 @dataclass

@@ -4,10 +4,9 @@ from contextlib import ExitStack
 from types import SimpleNamespace
 from unittest.mock import patch
 
-from bench.recordings.native import native_recordings, open_native
+from bench.recordings.native import native_recordings
 from bench.validation import report, validate_recording
 from bench.validation.fits import box_fit
-from bench.validation.fits.box_fit import BoxFit
 from bench.validation.fits.cameras import check_cameras
 from bench.validation.fits.static_world import check_static_world
 
@@ -27,12 +26,3 @@ def found(root, *, deep=False, static_world=False, returns=False):
         if not returns:
             without.enter_context(patch.multiple(report, BoxFit=lambda _: blind, check_unboxed=lambda _: ()))
         return list(validate_recording(handle, deep=deep).findings)
-
-
-def box_fit_of(root):
-    """What all returns say of the boxes."""
-    recording = open_native(root)
-    looked = BoxFit(recording)
-    for reference in recording.sweeps:
-        looked.add(reference.read())
-    return looked

@@ -17,6 +17,7 @@ from bench.validation.fits.flow import FARTHEST_PX, MARGIN_PX, SECTORS, image_ed
 from bench.validation.fits.scan_matching import measured_motion, scan_steps
 from tests.support.drive import cast
 from tests.support.tiny import HEIGHT, WIDTH, front_camera
+from tests.support.worlds import beams
 
 ACROSS = 0  # sector of an edge whose grey levels change to the right: one that runs down the image
 STEP_DEG = 0.4
@@ -27,10 +28,7 @@ WALL_SIZE_M = np.array([0.2, 60.0, 10.0])
 
 
 def placed_sweep(boxes):
-    azimuth, elevation = np.meshgrid(np.radians(np.arange(-40, 40, STEP_DEG)), np.radians(np.arange(-20, 10, STEP_DEG)))
-    rays = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
-    ).reshape(-1, 3)
+    rays = beams(np.arange(-40, 40, STEP_DEG), np.arange(-20, 10, STEP_DEG))
     mounting = RigidTransform(np.eye(3), np.array([0.0, 0.0, 1.8]))
     reach = cast(mounting.translation_m, rays, boxes)
     points = rays[np.isfinite(reach)] * reach[np.isfinite(reach)][:, None]
@@ -59,19 +57,15 @@ def test_the_sides_and_the_top_of_a_post_are_edges_of_a_sweep():
     np.testing.assert_allclose(np.linalg.norm(ends - points, axis=1), 0.05)
 
 
-def test_a_wall_alone_has_no_edge_and_neither_has_the_road():
-    points, _ = found_edges([(WALL, WALL_SIZE_M)])
-    assert len(points) == 0
-
-
-def test_what_jumps_from_beam_to_beam_as_leaves_do_has_no_edge():
+def test_neither_a_wall_nor_the_road_nor_what_jumps_from_beam_to_beam_as_leaves_do_has_an_edge():
     draw = np.random.default_rng(3)
     leaves = [
         (RigidTransform.from_yaw(0.0, draw.uniform([7, -3, 0.5], [9, 3, 3])), np.array([0.01, 0.07, 0.07]))
         for _ in range(150)
     ]
-    points, _ = found_edges([*leaves, (WALL, WALL_SIZE_M)])
-    assert len(points) == 0
+    for boxes in ([], leaves):
+        points, _ = found_edges([*boxes, (WALL, WALL_SIZE_M)])
+        assert len(points) == 0
 
 
 def test_offsets_lead_to_the_nearest_edge_of_an_image_that_runs_the_same_way():
@@ -101,23 +95,24 @@ CLEAN = Fit(
 )  # fmt: skip
 
 
-def test_edges_against_flow_tell_nothing():
-    """A fit by which flow is clearly worse is no cause, however well edges meet."""
-    for cause, loss, cost, told in (
-        ("rotation", 4.0, 80.0, True), ("rotation", 6.0, 80.0, False),
-        ("rotation", 0.9, 95.0, False), ("position", 0.9, 85.0, False),
-    ):  # fmt: skip
-        assert cameras._explains(cause, replace(CLEAN, losses=np.array([loss]), cost=cost), CLEAN) is told
-
-
 @pytest.mark.parametrize(
-    ("degrees", "gain", "falls_px", "told"),
-    [(3.0, 20.0, 0.03, False), (3.0, 20.0, 0.1, True), (3.0, 45.0, 0.03, True), (1.0, 20.0, 0.02, True)],
+    ("cause", "degrees", "changes", "told"),
+    [
+        # However well edges meet, a fit by which flow is clearly worse is no cause.
+        ("rotation", 0.0, {"losses": np.array([4.0]), "cost": 80.0}, True),
+        ("rotation", 0.0, {"losses": np.array([6.0]), "cost": 80.0}, False),
+        ("rotation", 0.0, {"losses": np.array([0.9]), "cost": 95.0}, False),
+        ("position", 0.0, {"losses": np.array([0.9]), "cost": 85.0}, False),
+        # A turn of degrees is told by the pixels that it explains.
+        ("rotation", 3.0, {"cost": 80.0, "residual_px": 0.37}, False),
+        ("rotation", 3.0, {"cost": 80.0, "residual_px": 0.3}, True),
+        ("rotation", 3.0, {"cost": 55.0, "residual_px": 0.37}, True),
+        ("rotation", 1.0, {"cost": 80.0, "residual_px": 0.38}, True),
+    ],
 )
-def test_a_turn_of_degrees_is_told_by_the_pixels_that_it_explains(degrees, gain, falls_px, told):
+def test_a_cause_explains_flow_that_it_makes_clearly_better(cause, degrees, changes, told):
     values = np.where(np.arange(14) == 1, np.radians(degrees), 0.0)
-    turned = replace(CLEAN, values=values, cost=CLEAN.cost - gain, residual_px=CLEAN.residual_px - falls_px)
-    assert cameras._explains("rotation", turned, CLEAN) is told
+    assert cameras._explains(cause, replace(CLEAN, values=values, **changes), CLEAN) is told
 
 
 @pytest.mark.slow

@@ -30,9 +30,10 @@ from tests.support.planting import (
     change_mounting,
     change_sweep,
     change_sweeps,
+    retime,
     sweep_files,
 )
-from tests.validation.checking import box_fit_of, found
+from tests.validation.checking import found
 
 
 def images(root):
@@ -117,17 +118,9 @@ def test_every_text_belongs_to_a_check(pytestconfig):
     assert named <= checks
 
 
-# ---------------------------------------------------------------- faults that alone are told
-
-
 def retimed(folder, later):
     """Files under later times: `later(time)` is added to each, ns."""
-
-    def plant(root):
-        for path in sorted((root / folder).iterdir(), reverse=True):
-            path.rename(path.with_stem(str(int(path.stem) + later(int(path.stem)))))
-
-    return plant
+    return lambda root: retime(root / folder, lambda time_ns: time_ns + later(time_ns))
 
 
 def painted(numbers, pixels):
@@ -220,9 +213,9 @@ def without_times(sweep):
     return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar)
 
 
-def in_microseconds(sweep):
-    offsets_ns = np.linspace(-50_000, 50_000, len(sweep.points_lidar)).astype(np.int64)
-    return replace(sweep, time_offset_ns=offsets_ns)
+def in_another_unit(sweep, *, factor):
+    half = 50_000_000 // factor
+    return replace(sweep, time_offset_ns=np.linspace(-half, half, len(sweep.points_lidar)).astype(np.int64))
 
 
 def turning(sweep, *, mixed=False):
@@ -236,6 +229,13 @@ def turning(sweep, *, mixed=False):
 
 def sweeps(change):
     return lambda root: change_sweeps(root, change)
+
+
+def indices_that_no_sweep_has(_name, i, data):
+    data.pop("cuboid")
+    time_ns = drive.START_NS + i * drive.SWEEP_NS
+    data["vec"].append({"name": "point_indices", "val": [1, 2, 10**6 if i == 3 else 5]})
+    data["num"] = [{"name": "sweep_timestamp_ns", "val": time_ns + (1 if i == 4 else 0)}]
 
 
 def unread_field(root):
@@ -290,8 +290,10 @@ UPSIDE_DOWN = drive.quaternion_wxyz(tiny.FRONT, Rotation.from_euler("z", 180, de
         (sweeps(partial(turning, mixed=True)), {("mixed-times", WARNING)}, "16 times"),
         (broken_bus, {("file", ERROR)}, "speed_mps, row 5 & yaw_rate_radps, row 9"),
         (unread_field, {("point-times-missing", WARNING)}, "fields that are not read: azimuth"),
-        (sweeps(in_microseconds), {("time-unit", ERROR), ("point-times", WARNING)},
-         "multiply them by 1000"),
+        (sweeps(partial(in_another_unit, factor=10**3)), {("time-unit", ERROR), ("point-times", WARNING)},
+         "times of the points .* microseconds.* multiply them by 1000 "),
+        (sweeps(partial(in_another_unit, factor=10**6)), {("time-unit", ERROR), ("point-times", WARNING)},
+         "times of the points .* milliseconds.* multiply them by 1000000 "),
         (sweeps(with_points(lambda points: points * 1000)), {("length-unit", ERROR), ("sweep-range", WARNING)},
          "16 times"),
         (without((4, 6), sweep_files), {("sweep-gaps", WARNING), ("annotation-sweep", WARNING)},
@@ -360,6 +362,10 @@ def test_a_fault_is_told_and_nothing_else(root, plant, told, text):
         (renamed(range(8, 16)), {("object-name", WARNING)}, "goes on at 1 time "),
         (cuboids(lambda numbers, _i: numbers.__setitem__(1, numbers[1] + 5.0), only="leader"),
          {("empty-box", ERROR)}, r"object 'leader' \(vehicle\)"),
+        (sweeps(with_points(lambda points: points * np.float32([1, -1, 1]))), {("box-reading", ERROR)},
+         "the lidar's y has the wrong sign"),
+        (lambda root: change_boxes(root, indices_that_no_sweep_has, only="walker"), {("point-indices", ERROR)},
+         "a time at which there is no sweep  1 times & row 1000000 of a sweep of"),
         (shrunk(0.16, only="leader"), {("tight-box", WARNING)}, r"leader.* 0 points in (\d+) of 16 sweeps .* \1 times"),
         (shrunk(2 * drive.MARGIN_M), {("tight-boxes", WARNING)}, "with 2 cm more on each side"),
     ],
@@ -376,10 +382,6 @@ def arriving(time_ns):
 def nodding_lidar(root):
     turned = drive.quaternion_wxyz(tiny.VEHICLE_FROM_LIDAR, Rotation.from_euler("y", 6, degrees=True))
     change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(quaternion_wxyz=turned))
-
-
-def offset_from_the_middle(head):
-    head["cameras"]["front"]["model"].update(principal_point=[-3.0, 2.0])
 
 
 def quaternion_of_another_order(numbers, _i):
@@ -430,7 +432,8 @@ def bus(**columns):
         (retimed("lidar", lambda _: 7_000_000), WARNING, "annotation-time",
          "each is 7.0 ms from the nearest sweep: the clock of the sweeps is late by that, or the boxes are early"),
         (nodding_lidar, WARNING, "road-tilt", ""),
-        (head(offset_from_the_middle), ERROR, "principal-point", r"\(-3.0, 2.0\)"),
+        (head(lambda head: head["cameras"]["front"]["model"].update(principal_point=[-3.0, 2.0])),
+         ERROR, "principal-point", r"\(-3.0, 2.0\)"),
         (velocities(lambda _: [0.0, -20.0, 0.0], only="walker"), ERROR, "object-speed", "20.0 m/s as stated"),
         (turns_in_degrees, ERROR, "object-turn", "'parked'"),
         (renamed(range(1, 16, 2)), WARNING, "object-name", "'leader' and 'other'"),
@@ -472,9 +475,6 @@ def test_images_that_are_out_of_order(name):
     assert (order.foreign(), order.swapped()) == (foreign, swapped)
 
 
-# ---------------------------------------------------------------- ego-motion
-
-
 @pytest.mark.parametrize("stated_mps", [4.0 * 3.6, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_between_plain_walls_the_lidar_cannot_tell_the_speed(monkeypatch, tmp_path, stated_mps):
     """Where beams of a vehicle that stands would hit the same places again, though it drives at 4 m/s."""
@@ -506,56 +506,24 @@ def test_a_lane_that_is_not_seen_or_leads_over_a_kerb_tells_no_height():
     assert np.isnan(seen_road(flat + np.outer(np.where(x > 5.0 + y, 0.12, 0.0), [0, 0, 1])).lane_height_m)
 
 
-# ---------------------------------------------------------------- boxes
+def test_of_many_boxes_at_one_place_some_pairs_are_listed_and_none_of_boxes_that_touch(tmp_path):
+    def same_objects(cars, *, apart_m):
+        """What is told of cars of 5.2 x 2 m beside each other."""
+        tracks, size_m = [], np.array([5.2, 2.0, 2.1])
+        for i in range(cars):
+            place = RigidTransform.from_yaw(0.0, (9.0, 4.0 + apart_m * i, 1.05))
+            box = Cuboid(vehicle_from_object=place, size_m=size_m)
+            states = [ObjectState(timestamp_ns=t, shape=box, velocity_mps=np.zeros(3)) for t in tiny.TIMES_NS]
+            tracks.append(Track(track_id=f"car {i}", object_class="vehicle", states=tuple(states)))
+        root = tiny.write_recording(tmp_path / f"{cars} cars")
+        RecordingWriter(root).annotations(tracks)
+        return [finding for finding in found(root, deep=True) if finding.check == "same-object"]
 
-
-def test_a_lidar_that_is_mirrored_left_to_right(root):
-    change_sweeps(root, with_points(lambda points: points * np.float32([1, -1, 1])))
-    (told,) = box_fit_of(root).findings()
-    assert (told.check, told.hint.split(":")[0]) == ("box-reading", "the lidar's y has the wrong sign")
-
-
-def test_of_many_boxes_at_one_place_some_pairs_are_listed(tiny_recording):
-    write_heap(tiny_recording, objects=15)
-    told = found(tiny_recording, deep=True)
-    same = [finding for finding in told if finding.check == "same-object"]
+    same = same_objects(15, apart_m=0.0)
     assert len(same) == boxes.MOST_PAIRS_LISTED + 1
     assert f" in {105 - boxes.MOST_PAIRS_LISTED} more pairs" in same[-1].got
     assert {finding.times for finding in same[:-1]} == {len(tiny.TIMES_NS)}
-
-
-def test_boxes_that_touch_are_not_one_object(tiny_recording):
-    write_heap(tiny_recording, objects=4, apart_m=1.5)
-    checks = {finding.check for finding in found(tiny_recording, returns=True)}
-    assert "same-object" not in checks
-
-
-def write_heap(root, *, objects, apart_m=0.0):
-    """Cars of 5.2 x 2 m beside each other, or all at one place."""
-    tracks = []
-    for i in range(objects):
-        place = RigidTransform.from_yaw(0.0, (9.0, 4.0 + apart_m * i, 1.05))
-        box = Cuboid(vehicle_from_object=place, size_m=np.array([5.2, 2.0, 2.1]))
-        states = [ObjectState(timestamp_ns=t, shape=box, velocity_mps=np.zeros(3)) for t in tiny.TIMES_NS]
-        tracks.append(Track(track_id=f"car {i}", object_class="vehicle", states=tuple(states)))
-    RecordingWriter(root).annotations(tracks)
-
-
-@pytest.fixture
-def tiny_recording(tmp_path):
-    return tiny.write_recording(tmp_path / "tiny")
-
-
-def test_point_indices_beyond_the_sweep(root):
-    def listed(name, i, data):
-        data.pop("cuboid")
-        time_ns = drive.START_NS + i * drive.SWEEP_NS
-        data["vec"].append({"name": "point_indices", "val": [1, 2, 10**6 if i == 3 else 5]})
-        data["num"] = [{"name": "sweep_timestamp_ns", "val": time_ns + (1 if i == 4 else 0)}]
-
-    change_boxes(root, listed, only="walker")
-    told = found(root, returns=True)
-    assert [finding.check for finding in told] == ["point-indices", "point-indices"]
+    assert same_objects(4, apart_m=1.5) == []
 
 
 @pytest.mark.parametrize("bits", [10, 12])

@@ -16,6 +16,7 @@ from bench.validation.fits.static_world import check_static_world, road_plane
 from tests.support import drive
 from tests.support.planting import change_bus, change_head, change_sweeps
 from tests.support.tiny import VEHICLE_FROM_LIDAR
+from tests.support.worlds import FORWARD
 
 
 def told(root):
@@ -37,12 +38,8 @@ def test_the_inverse_of_a_turned_mounting(root):
     """The axes of the points lie 90 degrees to the left, the calibration gives them to the right."""
     axes = np.float32([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
     change_sweeps(root, lambda sweep: replace(sweep, points_lidar=sweep.points_lidar @ axes.T))
-    half = float(np.sqrt(0.5))
-
-    def turn(head):
-        head["lidar"]["vehicle_from_lidar"]["quaternion_wxyz"] = [half, 0.0, 0.0, -half]
-
-    change_head(root, turn)
+    to_the_right = [0.5**0.5, 0.0, 0.0, -(0.5**0.5)]
+    change_head(root, lambda head: head["lidar"]["vehicle_from_lidar"].update(quaternion_wxyz=to_the_right))
     (found,) = told(root)
     assert "the inverse of vehicle_from_lidar" in found.got
 
@@ -61,7 +58,6 @@ def right_handed(rotations):
     return Rotation.from_matrix(flip @ rotations.as_matrix() @ flip)
 
 
-OPTICAL_FROM_VEHICLE = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 MISREAD = {
     "quaternions w, x, y, z read as x, y, z, w": lambda r, p: (Rotation.from_quat(np.roll(r.as_quat(), 1, axis=1)), p),
     "vehicle_from_world, the inverse": lambda r, p: (r.inv(), -r.inv().apply(p)),
@@ -69,8 +65,8 @@ MISREAD = {
     "positions with y to the right": lambda r, p: (r, p * [1, -1, 1]),
     "rotations to the right": lambda r, p: (right_handed(r), p),
     "poses of a camera's axes, z forward": lambda r, p: (
-        Rotation.from_matrix(OPTICAL_FROM_VEHICLE @ r.as_matrix() @ OPTICAL_FROM_VEHICLE.T),
-        p @ OPTICAL_FROM_VEHICLE.T,
+        Rotation.from_matrix(FORWARD @ r.as_matrix() @ FORWARD.T),
+        p @ FORWARD.T,
     ),
 }
 
@@ -126,9 +122,6 @@ def test_a_drive_without_sweeps_that_meet_says_why(root):
 def test_a_mounting_has_a_name(stated_deg, fitted_deg, name):
     stated, fitted = (RigidTransform.from_yaw(np.radians(yaw_deg)).rotation for yaw_deg in (stated_deg, fitted_deg))
     assert mounting_name(stated, fitted) == name
-
-
-# ---------------------------------------------------------------- what ego-motion gets wrong, by the lidar
 
 
 @pytest.fixture(scope="module")

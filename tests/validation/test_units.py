@@ -2,11 +2,12 @@
 
 import re
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 
 import numpy as np
 import pytest
 
-from bench.lidar import LidarSweep
 from bench.recordings.native import open_native
 from bench.times import other_unit
 from bench.validation import Severity
@@ -15,7 +16,15 @@ from bench.validation.quick import motion
 from bench.validation.quick.motion import check_motion
 from tests.support import drive
 from tests.support.drive import with_points
-from tests.support.planting import change_boxes, change_bus, change_head, change_json, change_sweeps, sweep_files
+from tests.support.planting import (
+    change_boxes,
+    change_bus,
+    change_head,
+    change_json,
+    change_sweeps,
+    retime,
+    sweep_files,
+)
 from tests.validation.checking import found
 
 SLOW = pytest.mark.slow
@@ -23,12 +32,8 @@ TIMES = {"microseconds": 10**3, "milliseconds": 10**6, "seconds": 10**9}
 LENGTHS = {"centimetres": 100, "millimetres": 1000}
 
 
-def rename(folder):
-    def change(root, factor):
-        for path in sorted((root / folder).iterdir()):
-            path.rename(path.with_stem(str(int(path.stem) // factor)))
-
-    return change
+def file_times(folder):
+    return lambda root, factor: retime(root / folder, lambda time_ns: time_ns // factor)
 
 
 def bus_times(root, factor):
@@ -43,15 +48,6 @@ def annotated_times(root, factor):
     change_json(root / "annotations.json", change)
 
 
-def pose_times(root, factor):
-    """`factor` nanoseconds in place of a second, as a float."""
-    path = drive.trajectory()
-    (root / "egomotion.csv").unlink()
-    rows = zip(path.timestamps_ns.tolist(), path.positions_m.tolist(), path.rotations.as_quat().tolist(), strict=True)
-    lines = [" ".join(map(repr, [time_ns / factor, *place, *turn])) for time_ns, place, turn in rows]
-    (root / "poses.csv").write_text("\n".join(lines) + "\n")
-
-
 def cause(root, *, returns=False):
     """The first finding; all that may follow from it comes later, as warnings."""
     first, *others = found(root, returns=returns)
@@ -64,8 +60,8 @@ def cause(root, *, returns=False):
 @pytest.mark.parametrize(
     ("change", "file", "field"),
     [
-        (rename("images/front"), "images/front", "names of the images of front"),
-        (rename("lidar"), "lidar", "names of the sweeps"),
+        (file_times("images/front"), "images/front", "names of the images of front"),
+        (file_times("lidar"), "lidar", "names of the sweeps"),
         (bus_times, "egomotion.csv", "time"),
         (annotated_times, "annotations.json", "timestamp"),
     ],
@@ -79,63 +75,21 @@ def test_times(root, unit, change, file, field):
     assert told.hint.endswith(f"multiply them by {TIMES[unit]}")
 
 
-@pytest.mark.parametrize(("unit", "per_ns"), [("milliseconds", 10**6), ("microseconds", 10**3), ("nanoseconds", 1)])
-def test_times_of_poses_are_seconds(root, unit, per_ns):
-    pose_times(root, per_ns)
-    told = cause(root)
-    assert (told.file, told.field) == (str(root / "poses.csv"), "t")
-    assert told.hint == f"these would be {unit}: divide them by {10**9 // per_ns}"
-
-
-def bus_seconds(root):
-    change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) / 1e9)))
-
-
-def image_seconds(root):
-    for path in (root / "images" / "front").iterdir():
-        path.rename(path.with_name(f"{int(path.stem) / 1e9:.6f}.png"))
-
-
-@pytest.mark.parametrize(("change", "file"), [(bus_seconds, "egomotion.csv"), (image_seconds, "images/front")])
-def test_seconds_with_decimals(root, change, file):
-    change(root)
-    told = found(root)
-    assert {finding.hint for finding in told} == {"these would be seconds: multiply them by 1000000000"}
-    assert all(finding.file.startswith(str(root / file)) for finding in told)
-
-
-@pytest.mark.parametrize(("unit", "factor"), [("microseconds", 10**3), ("milliseconds", 10**6)])
-def test_times_of_points(root, unit, factor):
-    def timed(sweep):
-        offsets = np.linspace(-50_000_000 // factor, 50_000_000 // factor, len(sweep.points_lidar)).astype(np.int64)
-        return LidarSweep(timestamp_ns=sweep.timestamp_ns, points_lidar=sweep.points_lidar, time_offset_ns=offsets)
-
-    change_sweeps(root, timed)
-    told = cause(root)
-    assert (told.check, told.field) == ("time-unit", "times of the points")
-    assert told.got.startswith(unit)
-    assert told.hint == f"multiply them by {factor}"
-
-
-def scale_boxes(*, places=1, sizes=1):
+def scale_boxes(root, *, places=1, sizes=1):
     def change(_name, _number, data):
         values = data["cuboid"][0]["val"]
         data["cuboid"][0]["val"] = [*(places * v for v in values[:3]), *values[3:7], *(sizes * v for v in values[7:])]
 
-    return lambda root: change_boxes(root, change)
+    change_boxes(root, change)
 
 
 def scale_head(*keys):
-    def scale(values, factor):
-        return [scale(one, factor) for one in values] if isinstance(values, list) else values * factor
-
     def change(root, factor):
-        def head(content):
-            for key in keys[:-1]:
-                content = content[key]
-            content[keys[-1]] = scale(content[keys[-1]], factor)
+        def scale(head):
+            part = reduce(getitem, keys[:-1], head)
+            part[keys[-1]] = (np.array(part[keys[-1]]) * factor).tolist()
 
-        change_head(root, head)
+        change_head(root, scale)
 
     return change
 
@@ -148,8 +102,8 @@ def scale_head(*keys):
         (scale_head("cameras", "front", "vehicle_from_camera", "translation_m"), "recording.json", "cameras.front."),
         (scale_head("lidar", "vehicle_from_lidar", "translation_m"), "recording.json", "lidar.vehicle_from_lidar"),
         (scale_head("vehicle", "outline_m"), "recording.json", "vehicle.outline_m"),
-        (lambda root, factor: scale_boxes(sizes=factor)(root), "annotations.json", "sizes of the boxes"),
-        (lambda root, factor: scale_boxes(places=factor)(root), "annotations.json", "places of the boxes"),
+        (lambda root, factor: scale_boxes(root, sizes=factor), "annotations.json", "sizes of the boxes"),
+        (lambda root, factor: scale_boxes(root, places=factor), "annotations.json", "places of the boxes"),
     ],
 )
 def test_lengths(root, unit, change, file, field):
