@@ -26,6 +26,7 @@ from bench.records.reference import (
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference import ReferenceBuilder
 from bench.reference.regions import Region
+from tests.support.worlds import beams
 
 MS = 1_000_000
 PAPER = load_protocol("paper-v1").reference
@@ -194,22 +195,20 @@ def wall_recording(width_m=1.0, height_m=1.7, away_m=8.0, steps_deg=(0.1728, 0.4
     """A standing host before a thin wall that slides sideways, scanned by a regular grid of beams."""
     trajectory = circle(0.0, 0.0)
     wall = Box((away_m, 0.4, height_m / 2), (0.02, width_m, height_m), (0.0, 1.0, 0.0))
-    columns = np.radians(np.arange(-40, 40, steps_deg[0]))
-    rows = np.radians(np.arange(-24.8, 2.0, steps_deg[1]))
-    azimuth, elevation = (angles.ravel() for angles in np.meshgrid(columns, rows))
-    rays = np.column_stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+    rays = beams(np.arange(-40, 40, steps_deg[0]), np.arange(-24.8, 2.0, steps_deg[1]))
     rays_vehicle = LIDAR.rotate(rays)
     points = rays * ((away_m - LIDAR.translation_m[0]) / rays_vehicle[:, 0])[:, None]
     y, z = LIDAR.apply(points)[:, 1:].T
     on_wall = (np.abs(y - 0.4) <= width_m / 2) & (z >= 0) & (z <= height_m)
     sweep = LidarSweep(timestamp_ns=0, points_lidar=points[on_wall | (z < -0.01)])
-    ring = shapely.segmentize(shapely.box(0.4 - width_m / 2, 0.0, 0.4 + width_m / 2, height_m), 0.02).exterior.coords
-    outline = np.column_stack([np.full(len(ring), away_m), np.asarray(ring)])
-    mounted = camera()
-    truth = shapely.Polygon(mounted.model.project(mounted.vehicle_from_camera.inverse().apply(outline))[0])
+    truth = upright_polygon(shapely.box(0.4 - width_m / 2, 0.0, 0.4 + width_m / 2, height_m), away_m)
     return with_sweep(drive([wall], trajectory), sweep), truth
+
+
+def upright_polygon(area_yz, away_m: float) -> shapely.Polygon:
+    """The image of an upright area that faces the camera, (y, z) m in the vehicle frame."""
+    ring = np.asarray(shapely.segmentize(area_yz, 0.02).exterior.coords)
+    return shapely.Polygon(LENS.project(MOUNT.inverse().apply(np.insert(ring, 0, away_m, axis=1)))[0])
 
 
 def a_region(window: tuple[slice, slice], covered: np.ndarray) -> Region:

@@ -1,19 +1,16 @@
 """Core and band of a region, how wide it is, and what a nearer band does to a farther object."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from bench.geometry.raster import Raster
-from bench.records.reference import IgnoreReason, Status
 from bench.records.rules import Limb, OutlineErrors
 from bench.reference.bands import beyond_beam, pixels_per_radian, uncertain_region
 from bench.reference.grid import Beam
-from bench.reference.regions import Region, compose
+from bench.reference.regions import Region
 from bench.reference.scanned import Surface, limb_motion_m, outline_error_m
 from bench.reference.silhouette import Prism
-from tests.reference.drives import LENS, a_region, an_object
+from tests.reference.drives import LENS, a_region
 
 NOTHING = OutlineErrors(range_noise_m=0.0, angle_deg=0.0, position_m=0.0, limbs={})
 VALID = np.ones((40, 60), dtype=bool)
@@ -93,30 +90,6 @@ def test_the_band_is_as_wide_as_the_nearest_return_says():
     assert not core[18:20].any()
     assert possible[21, 22:28].all()
     assert not possible[9].any()
-
-
-def test_a_farther_core_in_a_nearer_band_is_unknown():
-    near, far = uncertain(half_width_px=1.0), uncertain(box_at(5, 25, 25, 45), half_width_px=1.0)
-    evaluated = an_object(Status.EVALUATED)
-    (first, second), labels, ignored, unknown = compose([evaluated, evaluated], [near, far], VALID)
-    (near_core, near_possible), (far_core, far_possible) = parts(near), parts(far)
-    np.testing.assert_array_equal(labels == 1, near_core)
-    np.testing.assert_array_equal(labels == 2, far_core & ~near_possible)
-    np.testing.assert_array_equal(ignored, (near_possible | far_possible) & (labels == 0))
-    np.testing.assert_array_equal(unknown, ignored)
-    assert (first.region_px, first.unknown_px) == (near_core.sum(), (near_possible & ~near_core).sum())
-    assert second.unknown_px == (far_possible & ~near_core & (labels != 2)).sum()
-
-
-def test_an_object_within_a_nearer_band_is_ignored():
-    near, far = replace(a_region(*SQUARE), core=np.zeros((10, 10), dtype=bool)), box_at(12, 14, 22, 24)
-    near.core[0, 0] = True
-    statuses = [an_object(Status.STATIC), an_object(Status.EVALUATED)]
-    settled, labels, ignored, unknown = compose(statuses, [near, a_region(*far)], VALID)
-    assert settled[1].reason is IgnoreReason.OCCLUDED
-    assert not labels.any()
-    assert not unknown.any()
-    np.testing.assert_array_equal(ignored, image_of(far))
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,6 @@ def test_reasons_to_ignore(box, options, reason):
 
 
 def test_limits_hold_at_equality():
-    """Range, points and pixels of an object are still within a limit that they meet."""
     (walker,) = frame_of(WALKER).objects
     for name, met, missed, reason in (
         ("range_limit_m", walker.range_m, np.nextafter(walker.range_m, 0.0), IgnoreReason.RANGE),
@@ -171,7 +170,6 @@ def test_geometry_to_look_at():
 
 
 # Areas and times that the annotations leave out: nothing there is right or wrong.
-
 LEFT = ((-300.0, 3.0), (300.0, 3.0), (300.0, 60.0), (-300.0, 60.0))  # an opposite carriageway
 LEFT_OUT = Annotated(spans_ns=(ALWAYS_NS,), left_out_m=(LEFT,))
 
@@ -222,8 +220,6 @@ def test_other_times_and_recordings_without_annotations_have_no_scores(annotated
     assert frame.annotated == bool(frame.objects) == frame.labels.any() == scored
     assert (frame.ignored == frame.valid).all() == (frame.left_out == frame.valid).all() == (not scored)
 
-
-# Any image.
 
 SEEDS = range(12)
 KINDS = {

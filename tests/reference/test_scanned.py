@@ -14,9 +14,9 @@ from bench.reference import ReferenceBuilder
 from tests.reference.drives import (
     ERRORS,
     LIDAR,
-    camera,
     pixels_of,
     reference_of,
+    upright_polygon,
     wall_recording,
     with_class,
     with_points,
@@ -24,7 +24,9 @@ from tests.reference.drives import (
     with_state,
     with_sweep,
 )
+from tests.support.drive import cast
 from tests.support.limits import memory_below
+from tests.support.worlds import beams
 
 SURFACE = with_settings(polygon_kind="surface-patches", unknown_band=ERRORS)
 
@@ -54,13 +56,6 @@ def annotated_as(recording, shape: str):
     return with_state(recording, shape=shapes[shape])
 
 
-def upright_area(ring_yz, away_m: float):
-    """The pixels of an upright area that faces the camera, (y, z) m."""
-    ring = np.asarray(shapely.segmentize(ring_yz, 0.02).exterior.coords)
-    corners_camera = camera().vehicle_from_camera.inverse().apply(np.insert(ring, 0, away_m, axis=1))
-    return pixels_of(shapely.Polygon(camera().model.project(corners_camera)[0]))
-
-
 @pytest.mark.parametrize("steps_deg", [(0.1728, 0.42), (0.2, 2.0)], ids=["64 rows", "16 rows"])
 @pytest.mark.parametrize("shape", ["cuboid", "ground polygon", "point indices"])
 @pytest.mark.parametrize("object_class", ["vehicle", "pedestrian"])
@@ -86,10 +81,8 @@ def test_a_sparser_lidar_has_a_wider_band():
 
 def test_limbs_and_times_that_nobody_tells_widen_the_band(wall):
     late = replace(wall, images={"front": (replace(wall.images["front"][0], timestamp_ns=50_000_000),)})
-    walker, still = (
-        with_class(late, "pedestrian"),
-        SURFACE.model_copy(update={"unknown_band": ERRORS.model_copy(update={"limbs": {}})}),
-    )
+    walker = with_class(late, "pedestrian")
+    still = SURFACE.model_copy(update={"unknown_band": ERRORS.model_copy(update={"limbs": {}})})
     solid_px, still_px = object_of(late).unknown_px, object_of(walker, still).unknown_px
     assert object_of(walker).unknown_px > still_px >= solid_px
     # A second sweep tells how long a revolution takes: without times of points, when in it was the wall met?
@@ -100,7 +93,7 @@ def test_limbs_and_times_that_nobody_tells_widen_the_band(wall):
 def test_what_the_lidar_looks_over_is_unknown():
     """3.5 m from a lidar at 1.8 m, beams that fall by 24.8 degrees meet nothing lower than 0.15 m."""
     frame = reference_of(wall_recording(width_m=2.0, away_m=4.5)[0], SURFACE)
-    bottom = upright_area(shapely.box(-0.4, 0.02, 0.4, 0.1), 4.49)
+    bottom = pixels_of(upright_polygon(shapely.box(-0.4, 0.02, 0.4, 0.1), 4.49))
     assert bottom.sum() > 500
     assert not (frame.labels[bottom] > 0).any()
     assert frame.ignored[bottom].all()
@@ -171,14 +164,14 @@ def test_where_nothing_came_back_from_a_vehicle_is_unknown_unless_it_was_seen_th
         points = np.where(dark[:, None], points * behind_m / np.linalg.norm(points, axis=1)[:, None], points)
     thicker = replace(box, size_m=box.size_m + np.array([0.3, 0.0, 0.0]))
     recording = with_state(with_points(wall, points), shape=thicker)
-    frame, upper = reference_of(recording, SURFACE), upright_area(shapely.box(-0.2, 1.05, 1.0, 1.6), 6.0)
+    frame = reference_of(recording, SURFACE)
+    upper = pixels_of(upright_polygon(shapely.box(-0.2, 1.05, 1.0, 1.6), 6.0))
     assert upper.sum() > 500
     assert not (frame.labels[upper] > 0).any()
     assert frame.unknown[upper].mean() > 0.99 if unknown else frame.unknown[upper].mean() < 0.05
     assert reference_of(with_class(recording, "pedestrian"), SURFACE).unknown[upper].mean() < 0.05
 
 
-# Drawn sweeps of lidars that do not spin, return twice, or are two.
 COLUMNS, ROWS = np.meshgrid(np.tan(np.radians(np.arange(-40, 40, 0.2))), np.tan(np.radians(np.arange(-24, 2, 0.3))))
 ODD = np.arange(COLUMNS.shape[1]) % 2
 # Rows in the plane square to the lidar's view, as mirrors and chips scan it: none is a cone about an axis.
@@ -190,20 +183,15 @@ ROWS_OF = {
 }
 
 
-def cast(rays, start):
+def returns_of(rays, start):
     """Where rays from a place meet the wall, else the road; vehicle frame in, lidar frame out."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        wall = start + rays * np.where(rays[:, 0] > 0, (6.0 - start[0]) / rays[:, 0], np.nan)[:, None]
-        road = start + rays * np.where(rays[:, 2] < -0.02, -start[2] / rays[:, 2], np.nan)[:, None]
-    on_wall = (np.abs(wall[:, 1] - 0.4) <= 1.0) & (wall[:, 2] >= 0) & (wall[:, 2] <= 1.7)
-    points = np.where(on_wall[:, None], wall, road)
-    return LIDAR.inverse().apply(points[np.isfinite(points).all(axis=1)])
+    reach_m = cast(start, rays, [(RigidTransform.from_yaw(0.0, (6.01, 0.4, 0.85)), np.array([0.02, 2.0, 1.7]))])
+    met = reach_m < 90.0
+    return LIDAR.inverse().apply(start + rays[met] * reach_m[met, None])
 
 
 def spinning(start):
-    azimuth, elevation = np.radians(np.mgrid[-60:60:0.2, -24.8:2:0.42].reshape(2, -1))
-    flat = np.cos(elevation)
-    return cast(np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]), start)
+    return returns_of(beams(np.arange(-60, 60, 0.2), np.arange(-24.8, 2, 0.42)), start)
 
 
 def shares_of(points, object_class: str) -> tuple[float, float, float]:
@@ -222,7 +210,7 @@ def shares_of(points, object_class: str) -> tuple[float, float, float]:
 def test_rows_that_are_no_cones_are_found_as_rows(rows: str, object_class: str):
     rays = np.column_stack([np.ones(COLUMNS.size), COLUMNS.ravel(), ROWS_OF[rows].ravel()])
     rays /= np.linalg.norm(rays, axis=1)[:, None]
-    inside, outside, left_out = shares_of(cast(rays, LIDAR.translation_m), object_class)
+    inside, outside, left_out = shares_of(returns_of(rays, LIDAR.translation_m), object_class)
     assert inside > 0.94
     assert outside == 0.0
     assert left_out < 0.01
@@ -249,23 +237,19 @@ def test_sweeps_of_two_lidars_in_one_are_certain_of_less_but_not_wrong(apart_m: 
         assert left_out < 0.02
 
 
-def test_the_underside_of_a_floor_that_only_the_camera_sees_is_unknown():
+def test_the_underside_of_a_floor_that_only_the_camera_sees_is_unknown(wall):
     """A flank 6 m ahead ends 1.2 m above the road; below it the lidar meets a recess 1.5 m deeper, without a gap
     between rows. The camera is lower than the lidar: below the edge it sees the floor.
     """
-    wall, _ = wall_recording(width_m=2.0, away_m=6.0)
     points, box = wall.sweeps[0].read().points_lidar, wall.tracks[0].states[0].shape
     ahead_m, _, height_m = wall.vehicle_from_lidar.apply(points).T
     starts_m = wall.vehicle_from_lidar.translation_m[0]
     deeper = (height_m < 1.2) & (np.abs(ahead_m - 6.0) < 0.01)
     recessed = np.where(deeper[:, None], points * (7.5 - starts_m) / (6.0 - starts_m), points)
     middle = RigidTransform(np.eye(3), np.array([0.8, 0.0, 0.0]))
-    long = replace(
-        box,
-        size_m=box.size_m + np.array([1.6, 0.0, 0.0]),
-        vehicle_from_object=middle @ box.vehicle_from_object,
-    )
+    size_m, vehicle_from_object = box.size_m + np.array([1.6, 0.0, 0.0]), middle @ box.vehicle_from_object
+    long = replace(box, size_m=size_m, vehicle_from_object=vehicle_from_object)
     frame = reference_of(with_state(with_points(wall, recessed), shape=long), SURFACE)
-    floor = upright_area(shapely.box(-0.2, 1.14, 1.0, 1.18), 6.0)
+    floor = pixels_of(upright_polygon(shapely.box(-0.2, 1.14, 1.0, 1.18), 6.0))
     assert floor.sum() > 40
     assert frame.unknown[floor].mean() > 0.95
