@@ -60,10 +60,9 @@ def test_constant_signals_do_not_depend_on_the_sampling(speed, rate, samples):
     assert parts.positions_m[-1] == pytest.approx(whole.positions_m[-1], abs=1e-6)
 
 
-def csv(tmp_path, text):
-    path = tmp_path / "egomotion.csv"
-    path.write_text(text)
-    return path
+def csv(tmp_path, text, name="egomotion.csv"):
+    (tmp_path / name).write_text(text)
+    return tmp_path / name
 
 
 def test_times_of_nineteen_digits_stay_exact_and_gears_and_comments_are_read(tmp_path):
@@ -110,13 +109,8 @@ def test_faults_name_file_column_and_row(tmp_path, text, message):
     assert message in str(caught.value)
 
 
-# Pose files
-
-
 def poses(tmp_path, text):
-    path = tmp_path / "poses.csv"
-    path.write_text(text)
-    return path
+    return csv(tmp_path, text, "poses.csv")
 
 
 def test_a_pose_by_hand(tmp_path):
@@ -169,7 +163,7 @@ def test_times_in_another_unit_are_refused_with_the_factor(tmp_path, start_s, st
         (LINE + "1 0 1_000 0 0 0 0 1\n", "y, line 2: expected a finite number, got '1_000'"),
         (LINE + "one 0 0 0 0 0 0 1\n", "t, line 2: expected a finite number, got 'one'"),
         (LINE + "1 0 0 0 0 0 0 2\n", "qx qy qz qw: expected a quaternion of length 1"),
-        ("1 0 0 0 0 0 0 1\n" + LINE, "timestamp_ns: expected times that increase"),
+        (LINE + "2 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "increase, got 1000000000 after 2000000000 in row 3"),
         (LINE + "0 1 0 0 0 0 0 1\n", "timestamp_ns: expected times that increase, got 0 after 0 in row 2"),
         ("# nothing\n", "expected at least two poses, got 0"),
         *(

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform, RoadPlane, advance_twist, angle_between, cross, dot, normalise, twist_between
+from tests.support.worlds import FORWARD
 
 numbers = st.floats(-100, 100, allow_nan=False)
 quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(lambda q: np.linalg.norm(q) > 1e-3)
@@ -85,9 +86,6 @@ def test_many_at_once_are_those_made_one_by_one_and_as_strict():
     assert RigidTransform.each(np.empty((0, 3, 3)), np.empty((0, 3))) == []
 
 
-# Between two poses
-
-
 angles = st.floats(-3.0, 3.0)
 
 
@@ -125,18 +123,12 @@ def test_rotation_is_the_slerp_and_ends_are_met(yaw, roll, pitch, fraction):
         np.testing.assert_allclose(got_position, position, atol=1e-6)
 
 
-# The road plane
-
-
-# A camera that looks forward: its z is the vehicle's x, its x the vehicle's -y, its y the vehicle's -z.
-FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-
-
 def test_road_below_a_level_camera():
-    road = RoadPlane.below(RigidTransform(FORWARD, np.array([3.7, 0.0, 0.66])))
+    """Its z is the vehicle's x, its x the vehicle's -y, its y the vehicle's -z."""
+    road = RoadPlane.below(RigidTransform(FORWARD.T, np.array([3.7, 0.0, 0.66])))
     np.testing.assert_allclose(road.down, [0, 1, 0], atol=1e-15)
     assert road.height_m == pytest.approx(0.66)
-    assert RoadPlane.below(RigidTransform(FORWARD, np.array([0, 0, 1.4])), ground_height_m=-0.1).height_m == 1.5
+    assert RoadPlane.below(RigidTransform(FORWARD.T, np.array([0, 0, 1.4])), ground_height_m=-0.1).height_m == 1.5
 
 
 @pytest.mark.parametrize(
@@ -156,9 +148,6 @@ def test_distance_along_a_ray(ray, distance_m):
 def test_impossible_roads_are_refused(down, height_m):
     with pytest.raises(ShapeError, match="RoadPlane"):
         RoadPlane(np.array(down, dtype=float), height_m)
-
-
-# The unit sphere
 
 
 vectors = arrays(np.float64, (4, 3), elements=st.floats(-10, 10))

@@ -16,9 +16,16 @@ from tests.support.clouds import laz, pcd_of, write_points
 from tests.support.clouds import pcd as pcd_head
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [-7.5, 8.25, 0.125]], dtype=np.float32)
+PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+XYZ = [("x", 4, "F", 1), ("y", 4, "F", 1), ("z", 4, "F", 1)]
 INTENSITY = np.array([0.0, 0.5, 1.0], dtype=np.float32)
 SWEEP_NS = 1_700_000_000_000_000_000
 OFFSETS_NS = np.array([-50_000_000, 0, 49_000_000])
+
+
+def pcd(path, *content):
+    path.write_bytes(b"# .PCD v0.7\n" + pcd_of(*content))
+    return path
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -159,14 +166,24 @@ def test_the_columns_of_a_bin_file_are_those_of_the_card(tmp_path, columns):
     assert sweep.unread_fields == tuple(name for name in names[3:] if name != "time")
 
 
-NAMES = [
-    *("t", "time", "time_stamp", "stamps", "point_time_offset", "offset_ns", "Timestamp", "timeStamp", "offset_time"),
-    *("t_us", "gps_time", "ts", "reltime", "firing_time", "t_offset", "dt", "timestampNs", "stampUs", "laserTime"),
-    *("relative_time", "point_timestamp_ns", "timestamps"),
-]
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "t",
+            "time",
+            "time_stamp",
+            "stamps",
+            "point_time_offset",
+            "offset_ns",
+            "Timestamp",
+            "timeStamp",
+            "offset_time",
+        ),
+        *("t_us", "gps_time", "ts", "reltime", "firing_time", "t_offset", "dt", "timestampNs", "stampUs", "laserTime"),
+        *("relative_time", "point_timestamp_ns", "timestamps"),
+    ],
+)
 def test_fields_with_times_are_known_by_the_words_of_their_names(tmp_path, name):
     unit_ns = 1 if name.lower().endswith("ns") else 1_000  # also where the name says nothing
     columns = [*XYZ, (name, 4, "I", 1), ("label", 4, "I", 1)]
@@ -182,17 +199,17 @@ def test_other_fields_are_no_times():
     assert not [*filter(is_time, names.split())]
 
 
-HEADS = [
-    ({"FIELDS": "a b c"}, "header: expected the header of a .pcd file, got the fields a, b, c, without x, y and z"),
-    ({"WIDTH": "2"}, "got WIDTH 2 and HEIGHT 1 that do not make POINTS 3"),
-    ({"SIZE": "4 4"}, "got 3 FIELDS, 3 TYPE, 2 SIZE and 3 COUNT, not one for each field"),
-    ({"TYPE": "F F Q"}, "got a TYPE, SIZE or COUNT that no field has"),
-    ({"POINTS": "0", "WIDTH": "0"}, "POINTS: expected points, got 0, an empty cloud; remove the file"),
-    ({"FIELDS": "x y z x", "SIZE": "4 4 4 4", "TYPE": "F F F F", "COUNT": "1 1 1 1"}, "or with a name twice"),
-]
-
-
-@pytest.mark.parametrize(("lines", "told"), HEADS)
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ({"FIELDS": "a b c"}, "header: expected the header of a .pcd file, got the fields a, b, c, without x, y and z"),
+        ({"WIDTH": "2"}, "got WIDTH 2 and HEIGHT 1 that do not make POINTS 3"),
+        ({"SIZE": "4 4"}, "got 3 FIELDS, 3 TYPE, 2 SIZE and 3 COUNT, not one for each field"),
+        ({"TYPE": "F F Q"}, "got a TYPE, SIZE or COUNT that no field has"),
+        ({"POINTS": "0", "WIDTH": "0"}, "POINTS: expected points, got 0, an empty cloud; remove the file"),
+        ({"FIELDS": "x y z x", "SIZE": "4 4 4 4", "TYPE": "F F F F", "COUNT": "1 1 1 1"}, "or with a name twice"),
+    ],
+)
 def test_each_fault_of_a_head_is_named(tmp_path, lines, told):
     (tmp_path / "1.pcd").write_bytes(pcd_head(3, body=bytes(36), **lines))
     with pytest.raises(DataError, match=re.escape(told)):
@@ -209,21 +226,10 @@ def test_lines_of_a_head_that_say_what_others_say_may_be_left_out(tmp_path):
         read_points(tmp_path / "1.pcd")
 
 
-PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
-PADDED = [*PLACE, ("_", "u1", 4), ("intensity", "<f4"), ("t", "<f8"), ("pad", "u1", 6), ("ring", "<u2")]
-
-
-def pcd(path, *content):
-    path.write_bytes(b"# .PCD v0.7\n" + pcd_of(*content))
-    return path
-
-
-XYZ = [("x", 4, "F", 1), ("y", 4, "F", 1), ("z", 4, "F", 1)]
-
-
 def test_fields_that_pad_a_point_are_passed_over(tmp_path):
     """As drivers of lidars write them, `_` several times: open3d's process ends on such files."""
-    rows = np.zeros(3, dtype=PADDED)
+    padded = [*PLACE, ("_", "u1", 4), ("intensity", "<f4"), ("t", "<f8"), ("pad", "u1", 6), ("ring", "<u2")]
+    rows = np.zeros(3, dtype=padded)
     for i, axis in enumerate("xyz"):
         rows[axis] = POINTS[:, i]
     rows["t"], rows["ring"] = [0.0, 0.05, 0.1], [0, 63, 127]

@@ -1,4 +1,4 @@
-"""Points of a sweep: their times, their rows in the stored cloud, and the motion of their sensor."""
+"""Points of a sweep, seen from where their sensor was at their times."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.lidar import LidarSweep, deskew, interpolation_timestamps
+from bench.lidar import deskew, interpolation_timestamps
 from bench.times import SECOND_NS
 
 SINCE_1970_NS = 1_700_000_000_000_000_001  # more digits than a float holds
@@ -66,19 +66,3 @@ def test_each_point_is_moved_by_the_blend_of_the_two_poses_around_its_time_in_wh
         part = int(time_ns - interpolation_ns[after - 1]) / int(interpolation_ns[after] - interpolation_ns[after - 1])
         start, end = (rotations[k] @ point.astype(float) + positions_m[k] for k in (after - 1, after))
         np.testing.assert_allclose(found, start + part * (end - start), atol=1e-9)
-
-
-def sweep(**fields) -> LidarSweep:
-    return LidarSweep(timestamp_ns=1000, points_lidar=np.zeros((3, 3), np.float32), **fields)
-
-
-def test_a_point_is_as_much_later_than_its_sweep_as_its_offset_says():
-    assert sweep().times_ns.tolist() == [1000, 1000, 1000]
-    assert sweep(time_offset_ns=np.array([-5, 0, 7])).times_ns.tolist() == [995, 1000, 1007]
-
-
-def test_rows_of_the_stored_cloud_are_those_of_its_points_without_lost_returns():
-    assert sweep().rows_of(np.array([2, 0])).tolist() == [2, 0]
-    lossy = sweep(stored_rows=np.array([0, 2, 5]), stored_count=7)
-    assert lossy.rows_stored == 7
-    assert lossy.rows_of(np.array([0, 1, 2, 5, 6])).tolist() == [0, 1, 2]
