@@ -529,7 +529,7 @@ def test_of_many_boxes_at_one_place_some_pairs_are_listed_and_none_of_boxes_that
 @pytest.mark.parametrize("bits", [10, 12])
 def test_bits_that_are_read_as_sixteen(root, bits):
     for number, path in enumerate(images(root)):
-        values = np.random.default_rng(number).integers(0, 2**bits, (drive.HEIGHT, drive.WIDTH), dtype=np.uint16)
+        values = np.random.default_rng(number).integers(0, 2**bits, (tiny.HEIGHT, tiny.WIDTH), dtype=np.uint16)
         cv2.imwrite(str(path), values)
     told = [finding for finding in found(root) if finding.check == "grey-levels"]
     assert [finding.severity for finding in told] == ([Severity.WARNING] if bits == 12 else [])
