@@ -57,7 +57,8 @@ def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
     named = LONG.read_text().splitlines()
     new = {test: spent_s for test, spent_s in spent.items() if spent_s > LONG_S and test.partition("[")[0] not in named}
     for test, spent_s in sorted(new.items(), key=lambda entry: -entry[1]):
-        terminalreporter.write_line(f"{spent_s:.1f} s of processor time, split it or mark it as slow: {test}")
+        hint = f"split it, mark it as slow or name it in {LONG.name}"
+        terminalreporter.write_line(f"{spent_s:.1f} s of processor time ({hint}): {test}")
 
 
 @pytest.fixture(scope="session")
