@@ -176,7 +176,8 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
     if skipped := not_judged_line(verdict):
         yield Paragraph(skipped)
     if verdict.judged and not verdict.passed:
-        update = ["gate", str(verdict.run_folder), "--baseline", str(verdict.baseline_folder), "--update"]
+        folders = _as_typed(verdict.run_folder, "RUN"), _as_typed(verdict.baseline_folder, "BASELINE")
+        update = ["gate", folders[0], "--baseline", folders[1], "--update"]
         yield Paragraph("If the change is wanted, commit it, give the same `run` again, and make it the baseline:")
         yield Code(shlex.join(["fisheye-bench", *update]))
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
@@ -185,6 +186,11 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
         cut = len(others) - MOST_ROWS
         note = f"Left out: {counted(cut, 'more row')}, all are in the JSON and JUnit files." if cut > 0 else ""
         yield Group(look="folded", title=title, blocks=[row_table(others[:MOST_ROWS], with_notes=True, caption=note)])
+
+
+def _as_typed(folder: Path, otherwise: str) -> str:
+    """A folder for a command that people copy from a web page; a word where its name could be something else there."""
+    return str(folder) if re.fullmatch(r"[\w./ -]+", str(folder)) else otherwise
 
 
 def row_table(rows: Iterable[Row], *, with_notes: bool = False, caption: str = "") -> Table:
