@@ -101,7 +101,7 @@ def data_checks(
     reference = [small] if small else [*digests, *reference_differences(pairs)]
     other_data = "data changed: other images, sweeps, labels, calibration or ego-motion; "
     return (
-        _check("failures", run.failures, f"the run has {len(run.failures)} failures: "),
+        _check("failures", run.failures, f"the run has {counted(len(run.failures), 'failure')}: "),
         _check("data", data, other_data, Outcome.SUSPECT if rendered else Outcome.FAILED),
         _check("reference", reference, "reference changed: ", Outcome.SUSPECT if small else Outcome.FAILED),
     )

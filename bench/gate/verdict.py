@@ -18,6 +18,7 @@ from bench.errors import BenchError
 from bench.evaluation import PairedChange, find_metric, headlines
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.harness.manifest import Aspect, Difference, Manifest
+from bench.plain_text import counted
 
 NOTHING_JUDGED = (
     "nothing was judged; a verdict needs metrics that decide, with cases in enough recordings, in baseline and run"
@@ -280,9 +281,9 @@ def folded_lines(verdict: Verdict) -> list[str]:
         rows = [row for row in verdict.rows_with(outcome) if is_overlapping(row)]
         if rows:
             kinds = Counter(row.slice_name.partition("=")[0] for row in rows)
-            counted = ", ".join(f"{name} {count}" for name, count in kinds.items())
+            by_kind = ", ".join(f"{name} {count}" for name, count in kinds.items())
             first = f"; the worst: {row_text(rows[0])}" if outcome is Outcome.FAILED else ""
-            lines.append(f"{outcome} in breakdowns: {len(rows)} ({counted}){first}")
+            lines.append(f"{outcome} in breakdowns: {len(rows)} ({by_kind}){first}")
     if skipped := not_judged_line(verdict):
         lines.append(skipped)
     return lines
@@ -291,7 +292,8 @@ def folded_lines(verdict: Verdict) -> list[str]:
 def not_judged_line(verdict: Verdict) -> str:
     """Number of metrics that were not judged; "" where all were. The JSON has the reason for each."""
     count = len(verdict.rows_with(Outcome.NOT_JUDGED))
-    return f"not judged: {count} metrics, for too few cases or recordings, or by the tolerances" if count else ""
+    why = "for too few cases or recordings, or by the tolerances"
+    return f"not judged: {counted(count, 'metric')}, {why}" if count else ""
 
 
 def check_lines(verdict: Verdict) -> list[str]:

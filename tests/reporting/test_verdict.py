@@ -154,14 +154,14 @@ def test_the_cause_is_told_first_and_each_fact_once():
     verdict = verdict_of(scored(slices[0]), scored(slices[1], **fault))
     lines = [line.text for line in head_lines(verdict)][1:]
     assert [line.split(": ")[:2] for line in lines[:3]] == [
-        ["failed", "the run has 1 failures"],
+        ["failed", "the run has 1 failure"],
         ["probably as a consequence", "data changed"],
         ["probably as a consequence", "reference changed"],
     ]
     assert lines[2].endswith("; 6 cases of false_positive_coverage fewer in frames (54, were 60)")
     assert lines[3:] == ["as in the baseline: method, settings, protocol, code"]
     cause, consequences = to_annotations(verdict)
-    assert cause == "::error title=gate%3A data::the run has 1 failures: image 3 of 'a': no file"
+    assert cause == "::error title=gate%3A data::the run has 1 failure: image 3 of 'a': no file"
     assert consequences.count("probably as a consequence: ") == 2
 
 
@@ -227,4 +227,4 @@ def test_the_terminal_shows_failures_first_and_how_many_are_not_judged(mixed):
     order = [shown.index(word) for word in ("failed ", "suspect ", "improved ")]
     assert order == sorted(order)
     assert "within" not in shown
-    assert folded_lines(mixed) == ["not judged: 1 metrics, for too few cases or recordings, or by the tolerances"]
+    assert folded_lines(mixed) == ["not judged: 1 metric, for too few cases or recordings, or by the tolerances"]
