@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -30,7 +30,7 @@ from bench.annotation.store import (
     write_review,
 )
 from bench.errors import BenchError, UsageError
-from bench.execution import FailedTask, TaskExecutor
+from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_ego_motion, digest_of, digest_sweeps
 from bench.recordings import Recording, RecordingHandle
 from bench.records.recording import COMPLETELY
@@ -66,7 +66,7 @@ def propose_drives(
     folder: Path,
     *,
     executor: TaskExecutor,
-    progress: Callable[[float, int], None] = lambda _done, _total: None,
+    progress: Progress = lambda _done, _total: None,
 ) -> tuple[ProposedDrive, ...]:
     """Propose the moving objects of recordings and store each drive's when it is done.
 
@@ -85,14 +85,12 @@ def propose_drives(
     Raises:
         OutputError: a file cannot be written.
     """
-    done: dict[str, ProposedDrive] = {}
     progress(0, len(handles))
-    for handle, result in executor.compute(partial(propose_drive, dataset, folder), handles):
-        if isinstance(result, FailedTask):
-            result = ProposedDrive(name=handle.name, failure=result.reason)
-        done[handle.name] = result
-        progress(len(done), len(handles))
-    return tuple(done[handle.name] for handle in handles)
+    drives = compute_all(executor, partial(propose_drive, dataset, folder), handles, progress=progress)
+    return tuple(
+        ProposedDrive(name=handle.name, failure=drive.reason) if isinstance(drive, FailedTask) else drive
+        for handle, drive in zip(handles, drives, strict=True)
+    )
 
 
 def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> ProposedDrive:
@@ -127,7 +125,7 @@ def evaluate_drives(
     *,
     against: Path | None = None,
     executor: TaskExecutor,
-    progress: Callable[[float, int], None] = lambda _done, _total: None,
+    progress: Progress = lambda _done, _total: None,
 ) -> tuple[pd.DataFrame, float]:
     """Compare stored proposals with annotations; those that a reviewer rejected are left out, corrections count.
 
@@ -145,14 +143,14 @@ def evaluate_drives(
         DataError: a review file that is missing or damaged, or a recording that cannot be read.
         UsageError: a recording without annotations, or a worker that ended.
     """
-    done: dict[str, tuple[pd.DataFrame, float]] = {}
-    for handle, result in executor.compute(partial(_evaluate_drive, folder, against), handles):
-        if isinstance(result, FailedTask):
-            raise UsageError(f"{handle.name}: {result.reason}")
-        done[handle.name] = result
-        progress(len(done), len(handles))
-    frames, minutes = zip(*(done[handle.name] for handle in handles), strict=True)
-    return pd.concat(frames, ignore_index=True), float(sum(minutes))
+    frames, minutes = list[pd.DataFrame](), 0.0
+    evaluated = compute_all(executor, partial(_evaluate_drive, folder, against), handles, progress=progress)
+    for handle, outcome in zip(handles, evaluated, strict=True):
+        if isinstance(outcome, FailedTask):
+            raise UsageError(f"{handle.name}: {outcome.reason}")
+        frames.append(outcome[0])
+        minutes += outcome[1]
+    return pd.concat(frames, ignore_index=True), minutes
 
 
 def _evaluate_drive(folder: Path, against: Path | None, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:

@@ -341,7 +341,7 @@ def _tracks(root: Path, stated: Statement | None, annotations: Path | None) -> t
 def _contents(
     root: Path, images: Mapping[str, tuple[ImageRef, ...]], sweeps: tuple[SweepRef, ...]
 ) -> Iterator[Content]:
-    """What is in the folder, read and not read."""
+    """The files of the folder, those that are read and the others."""
     yield from file_contents(root, root, [root / name for name in READ], "part of the recording")
     for name, refs in images.items():
         folder, truth = root / "images" / name, root / "truth" / name

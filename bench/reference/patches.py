@@ -97,8 +97,7 @@ class Patches:
     @property
     def certain_corners(self) -> Floats:
         """(3, 4, N) float64, m, only between neighbours that leave no doubt, and not beyond a return without such a
-        neighbour on its other side, since of a thing as thin as a beam nobody knows how thin it is; nothing is given
-        back."""
+        neighbour on its other side, since an object as thin as a beam may be any thinner; nothing is given back."""
         certain = self.grid.certain
         return _corners(self.points, np.where(certain, self.reach, self.step * 0.5 * certain[OPPOSITE]))
 

@@ -1,4 +1,4 @@
-"""What all tests share, and a small drive to plant mistakes into."""
+"""Fixtures of these tests: those of all tests, and a small drive to plant mistakes into."""
 
 import pytest
 

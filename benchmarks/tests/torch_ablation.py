@@ -1,4 +1,4 @@
-"""What training lacks without a group of channels or a kind of image: on PyTorch, so call it by its name.
+"""What training lacks without a group of channels or a kind of image: with PyTorch, so run it by its name.
 
 It is no part of the other tests; `pytest benchmarks/tests/torch_ablation.py` needs the extra `train`.
 """

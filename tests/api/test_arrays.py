@@ -98,6 +98,6 @@ def test_nothing_is_imported_that_is_not_used(statement):
     assert done.stdout == "\n"
 
 
-def test_a_name_that_the_package_has_not_is_told():
+def test_a_name_that_the_package_does_not_have_is_refused():
     with pytest.raises(AttributeError, match="'scores'"):
         _ = bench.scores

@@ -27,7 +27,7 @@ def volume_m3(mesh):
 
 
 def wall(x_m, surface=PLAIN, *, y_m=(-20, 20), height_m=8):
-    """Faces backwards, to who stands before it."""
+    """A wall across the road that faces the ego vehicle."""
     right_m, left_m = y_m
     return quads([[x_m, left_m, 0], [x_m, right_m, 0], [x_m, right_m, height_m], [x_m, left_m, height_m]], surface)
 
