@@ -56,7 +56,7 @@ def test_every_command_works_without_the_libraries_of_open3d(slim, tmp_path):
         calls.append(("annotate", "import", tool, made / "standing", *drive, "--out", tmp_path / "labels" / tool))
     calls += [
         ("report", run),
-        ("gate", run, "--baseline", tmp_path / "baseline", "--update", "--allow-dirty"),
+        ("gate", run, "--baseline", tmp_path / "baseline", "--update"),
         ("compare", run, run, "--out", tmp_path / "compare"),
         ("leaderboard", tmp_path, "--out", tmp_path / "leaderboard"),
         ("audit", card, "--out", tmp_path / "audit"),

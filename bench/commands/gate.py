@@ -30,7 +30,6 @@ def judge(
     *,
     tolerances: Annotated[str | Path, typer.Option(), TEXT] = "default-v1",
     update: Flag = False,
-    allow_dirty: Flag = False,
 ) -> Verdict:
     """Judge a run against a baseline; exit status 0 passed, 1 a regression, 2 usage or data error, 3 no verdict.
 
@@ -42,7 +41,6 @@ def judge(
             and, for another protocol than paper-v1, by the protocol; where you have none, the shipped one.
         tolerances: rules: default-v1, rendered-v1, or a YAML file.
         update: store the run as the baseline, and print what changes by it.
-        allow_dirty: with --update: accept uncommitted code.
 
     Returns:
         The verdict: `passed` is True only where something was judged and nothing failed, `why_none` says why there is
@@ -76,7 +74,7 @@ def judge(
         verdict = Verdict(baseline=None, run=manifest, tolerances=rules.title, refusal=error)
     stored = ""
     if update and scored is not None:
-        write_baseline(scored, place, allow_dirty=allow_dirty)
+        write_baseline(scored, place)
         stored = judgeable(scored, tolerances=rules)
     return replace(verdict, baseline_folder=place, run_folder=folder, stored=stored)
 

@@ -12,7 +12,6 @@ from bench.errors import DataError, UsageError
 from bench.evaluation import read_sums, write_sums
 from bench.evaluation.protocol import known_protocols
 from bench.harness import read_run
-from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
 from bench.harness.stored import SUMMARY, SUMS, refuse_unscored, results_folder
 from bench.recordings.cards import shipped_folder
@@ -79,34 +78,19 @@ def read_baseline(folder: Path) -> RunSums:
     return RunSums(manifest=manifest, sums=read_sums(folder / SUMS))
 
 
-def write_baseline(run: RunSums, folder: Path, *, allow_dirty: bool = False) -> None:
+def write_baseline(run: RunSums, folder: Path) -> None:
     """Store the sums of a run as the baseline.
 
     Raises:
-        UsageError: the folder is that of a run, the run has failures, or it was made by code that no commit holds and
-            `allow_dirty` is not set.
+        UsageError: the folder is that of a run, or the run has failures.
     """
     if (folder / SUMMARY).exists():
         raise UsageError(f"{folder}: expected a folder for a baseline, got that of a run, which would be overwritten")
     if run.failures:
         count = len(run.failures)
         raise UsageError(f"a run with failures makes no baseline; this one has {count}, the first: {run.failures[0]}")
-    if not allow_dirty and (code := uncommitted(run.manifest)):
-        again = "commit it and give the same `run` again, which then computes nothing but notes the commit"
-        raise UsageError(f"{code}, so that nobody can repeat the run; {again}; or say --allow-dirty")
     write_sums(run.sums, folder / SUMS)
     write_manifest(folder / MANIFEST, run.manifest)
-
-
-def uncommitted(run: Manifest) -> str:
-    """The code of a run that is in no commit, in words; "" where all is. That of an installed package has none."""
-    own, method = run.code.commit, run.method
-    if own is not None and own.endswith("+"):
-        return f"when it ran, files were changed on top of commit {short_digest(own.rstrip('+'))}"
-    if method.is_own or (method.commit is not None and not method.commit.endswith("+")):
-        return ""
-    files = f": {', '.join(method.uncommitted)}" if method.uncommitted else ""
-    return f"when it ran, code or files of method {method.name!r} were in no commit{files}"
 
 
 def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[str, ...]:
@@ -125,7 +109,7 @@ def how_to_compare(baseline: Manifest, run: Manifest, *, folder: Path) -> tuple[
     was, method = baseline.code, baseline.method
     with_code = [f"the benchmark of {was.text}"] if was.text != run.code.text else []
     if not method.is_own and method.name == run.method.name and method.code_digest != run.method.code_digest:
-        with_code.append(f"{method.name!r} of commit {short_digest(method.commit or 'unknown')}")
+        with_code.append(f"the code that {method.name!r} had then")
     place = f", with {' and '.join(with_code)}" if with_code else ""
     protocol = baseline.protocol.name
     rules = protocol if protocol in known_protocols() else str(folder / "protocol.json")

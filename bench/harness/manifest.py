@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distribution, packages_distributions, version
 from pathlib import Path
 from site import getsitepackages, getusersitepackages
 from types import MappingProxyType
@@ -25,6 +24,7 @@ from bench.evaluation.summary import ProtocolOfRun
 from bench.harness.digests import (
     ANSWER_CODE,
     COUNT_CODE,
+    PACKAGE,
     code_digest,
     digest_file,
     digest_of,
@@ -41,8 +41,8 @@ from bench.recordings.validation import read_json
 MANIFEST = "manifest.json"
 ANSWERS_MANIFEST = "run.json"
 RECORDING_DIGEST_CHARS = 16  # characters of the digest of a recording's content that say whether it changed
+DESCRIBE = ("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
 LISTED = 4  # recordings that a sentence lists
-NAMED_FILES = 3  # that are not as committed
 PREDICTIONS_DIGEST = "digest"  # a setting of predictions from disk: their content, which is data
 UNIDENTIFIED = "unidentified"
 
@@ -80,10 +80,6 @@ class MethodOfRun(_Part):
         history: images that it needs before the one that it segments.
         code_digest: of the package that holds its class, or of the modules beside it, and of the files that it reads;
             `UNIDENTIFIED` where no file holds the class, as in a notebook's cell: such a run is computed anew.
-        commit: of the checkout that its own code is of, "+" behind it where a file of `code_digest` is not as
-            committed; distribution and version of an installed one; None for a method of this package, and for code in
-            no commit. It decides nothing.
-        uncommitted: names of the first such files.
     """
 
     name: str
@@ -92,8 +88,6 @@ class MethodOfRun(_Part):
     place: str
     history: int
     code_digest: str
-    commit: str | None = None
-    uncommitted: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, method: Scorable, *, asked: Mapping[str, object] = MappingProxyType({})) -> MethodOfRun:
@@ -104,7 +98,6 @@ class MethodOfRun(_Part):
         """
         refuse_unfit(method)
         kind = type(method)
-        commit, uncommitted = _origin(method)
         return cls(
             name=method.name,
             settings=json.loads(json.dumps(method.settings(), default=str)),
@@ -112,8 +105,6 @@ class MethodOfRun(_Part):
             place=f"{kind.__module__}:{kind.__qualname__}",
             history=method.history,
             code_digest=method_digest(method),
-            commit=commit,
-            uncommitted=uncommitted,
         )
 
     @property
@@ -158,8 +149,8 @@ class CodeOfRun(_Part):
 
     Attributes:
         version: of the package.
-        commit: of the checkout that ran, "+" behind it where files were changed, or that pip installed from; None where
-            neither is known. It decides nothing.
+        commit: of the checkout that ran, "+" behind it where files were changed; None of an installed package. It
+            decides nothing.
         libraries: versions of the interpreter and of the libraries that decide metrics.
         answers: digest of this package's code that decides answers.
         counts: digest of that which decides references and counts.
@@ -371,21 +362,15 @@ def _changed_recordings(was: Mapping[str, str], now: Mapping[str, str]) -> Itera
 
 
 def package_commit() -> str | None:
-    """Commit of the checkout that the package runs from, "+" behind it where files were changed; or of the repository
-    that pip installed it from; None where neither is known."""
-    package = Path(bench.__file__).resolve()
-    commit, _ = _commit_of(package, [package.parent])
-    if commit is not None:
-        return commit
-    try:
-        installed = distribution("fisheye-bench")
-    except PackageNotFoundError:
-        return None
-    if Path(str(installed.locate_file("bench/__init__.py"))).resolve() != package:
-        return None  # what runs is another copy
-    told = installed.read_text("direct_url.json")  # PEP 610
-    commit = json.loads(told).get("vcs_info", {}).get("commit_id") if told else None
-    return str(commit) if commit else None
+    """Commit of the checkout that the package runs from, "+" behind it where files were changed; None elsewhere."""
+    said = ""
+    for words in (("ls-files", "--error-unmatch", "__init__.py"), DESCRIBE):
+        command = ["git", "-C", str(PACKAGE), *words]
+        try:
+            said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
+        except (OSError, subprocess.SubprocessError):  # of no commit, or there is no git
+            return None
+    return said.strip()
 
 
 def method_digest(method: Scorable) -> str:
@@ -412,7 +397,7 @@ def _sources(module: str) -> dict[str, Path]:
     place = Path(package or file).resolve()
     if place.name == "__init__.py":
         paths = sorted(place.parent.rglob("*.py"))
-    elif place.parent in _libraries():
+    elif place.parent in [Path(folder).resolve() for folder in (*getsitepackages(), getusersitepackages())]:
         paths = [place]
     else:
         paths = sorted({place, *place.parent.glob("*.py")})
@@ -430,42 +415,3 @@ def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
                 yield f"{path.name}/{file.relative_to(path).as_posix()}", file
         else:
             raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")
-
-
-def _origin(method: Scorable) -> tuple[str | None, tuple[str, ...]]:
-    """Commit of a method's own code, or its distribution, and the first of its files that are not as committed."""
-    name = type(method).__module__
-    sources = [*_sources(name).values()]
-    if not sources:
-        return None, ()
-    file = Path(str(sys.modules[name].__file__)).resolve()
-    if any(file.is_relative_to(folder) for folder in _libraries()):
-        names = packages_distributions().get(name.partition(".")[0], ())
-        return ", ".join(f"{own} {version(own)}" for own in names) or None, ()
-    return _commit_of(file, [*sources, *(path for _, path in _listed_files(method))])
-
-
-def _libraries() -> list[Path]:
-    return [Path(folder).resolve() for folder in (*getsitepackages(), getusersitepackages())]
-
-
-def _commit_of(file: Path, paths: Sequence[Path]) -> tuple[str | None, tuple[str, ...]]:
-    """Commit of the checkout that holds a file, "+" behind it where one of some paths is not as committed, and the
-    names of the first of these; None where no commit holds the file."""
-    if _git(file.parent, "ls-files", "--error-unmatch", "--", file.name) is None:
-        return None, (file.name,)
-    commit = _git(file.parent, "rev-parse", "HEAD")
-    changed = _git(file.parent, "status", "--porcelain", "--", *(str(path.resolve()) for path in paths))
-    names = [Path(line[3:].strip('"')).name for line in (changed or "").splitlines()]
-    return None if commit is None else commit.strip() + ("" if changed == "" else "+"), tuple(names[:NAMED_FILES])
-
-
-def _git(folder: Path, *words: str) -> str | None:
-    """Return the output of git; None where it fails or is not installed."""
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(folder), *words], capture_output=True, text=True, check=True, timeout=30
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout

@@ -178,7 +178,7 @@ def _summary(verdict: Verdict) -> Iterator[Block]:
     if verdict.judged and not verdict.passed:
         folders = _as_typed(verdict.run_folder, "RUN"), _as_typed(verdict.baseline_folder, "BASELINE")
         update = ["gate", folders[0], "--baseline", folders[1], "--update"]
-        yield Paragraph("If the change is wanted, commit it, give the same `run` again, and make it the baseline:")
+        yield Paragraph("If the change is wanted, make this run the baseline, and commit it:")
         yield Code(shlex.join(["fisheye-bench", *update]))
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:

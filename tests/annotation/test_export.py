@@ -125,7 +125,7 @@ def test_a_run_on_proposals_that_nobody_reviewed_says_so(card, drive, tmp_path):
     lines = pd.read_csv(results / "table.csv")
     assert set(lines["annotations"]) == {said.removeprefix("annotations: ")}
     baseline = tmp_path / "baseline"
-    assert called_here("gate", run, "--baseline", baseline, "--update", "--allow-dirty").returncode == 0
+    assert called_here("gate", run, "--baseline", baseline, "--update").returncode == 0
     judged = called_here("gate", run, "--baseline", baseline, "--json", tmp_path / "verdict.json")
     assert said in judged.stdout
     assert said in (tmp_path / "verdict.json").read_text()

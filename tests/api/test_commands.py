@@ -39,12 +39,12 @@ def test_a_verdict_is_that_of_the_command(runs, tmp_path, monkeypatch):
     assert (none.passed, none.run.dataset.name) == (False, "tiny")
     assert "no baseline there" in none.why_none
     assert bench.judge(tmp_path / "none").run is None
-    made = bench.judge(runs[0], update=True, allow_dirty=True)
+    made = bench.judge(runs[0], update=True)
     assert made.stored.endswith("metrics can be judged: cases of both in 3 recordings, 6 are needed")
     verdict, same = bench.judge(runs[1]), bench.judge(bench.load_run(runs[1]), made.baseline_folder)
     assert repr(verdict.rows) == repr(same.rows) == repr(bench.judge(runs[1], runs[0]).rows)
     assert not verdict.passed
-    again = bench.judge(runs[0], update=True, allow_dirty=True)
+    again = bench.judge(runs[0], update=True)
     assert repr(again.rows) == repr(bench.judge(runs[0]).rows)
     bench.write_verdict(none, junit=str(tmp_path / "gate.xml"), json=tmp_path / "gate.json")
     assert "no baseline there" in (tmp_path / "gate.xml").read_text()

@@ -16,7 +16,6 @@ from bench.recordings.cards import shipped_folder
 from tests.support.commands import call, error_line, output_of
 from tests.support.manifests import manifest
 from tests.support.runs import run_one
-from tests.support.stored_files import change_manifest
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +39,7 @@ def runs(tiny_card, tmp_path_factory) -> dict[str, Path]:
     for name in ("spherical", "nothing"):
         run_one(card=card, method=build_method(name), protocol=protocol, out=folder / name)
     run_one(card=card, method=build_method("nothing"), protocol=load_protocol("extended-v1"), out=folder / "extended")
-    write_baseline(read_run_sums(folder / "spherical"), folder / "baseline", allow_dirty=True)
+    write_baseline(read_run_sums(folder / "spherical"), folder / "baseline")
     return {path.stem: path for path in folder.iterdir()}
 
 
@@ -48,7 +47,7 @@ def test_without_a_named_baseline_the_usual_one_is_taken(monkeypatch, capsys, ru
     monkeypatch.chdir(tmp_path)
     assert call(monkeypatch, "gate", runs["spherical"]) == 3
     assert "reports/baselines/tiny: no baseline there" in capsys.readouterr().err
-    assert call(monkeypatch, "gate", runs["spherical"], "--update", "--allow-dirty") == 0
+    assert call(monkeypatch, "gate", runs["spherical"], "--update") == 0
     shown = output_of("gate", runs["spherical"])
     assert "gate passed: " in shown
     assert "::error" not in shown
@@ -107,10 +106,10 @@ def test_no_verdict_is_handed_over_in_every_form(monkeypatch, capsys, runs, tmp_
 
 
 def test_update_shows_what_it_replaces_and_what_it_accepts(monkeypatch, capsys, runs, tmp_path):
-    file, update = tmp_path / "b", ("--update", "--allow-dirty")
+    file, update = tmp_path / "b", "--update"
     told = {}
     for name in ("spherical", "nothing", "extended", "few"):
-        assert call(monkeypatch, "gate", runs[name], "--baseline", file, *update) == 0
+        assert call(monkeypatch, "gate", runs[name], "--baseline", file, update) == 0
         told[name] = capsys.readouterr().out
     assert told["spherical"].startswith("the first baseline of this name\n")
     assert f"{file}: spherical on tiny by paper-v1" in told["spherical"]
@@ -124,9 +123,7 @@ def test_update_shows_what_it_replaces_and_what_it_accepts(monkeypatch, capsys, 
     assert re.fullmatch(r"0 of \d+ metrics can be judged: cases of both in 3 recordings, 6 are needed", last)
 
 
-def test_update_refuses_changed_code_and_what_is_no_run(monkeypatch, capsys, runs, tmp_path):
-    folder = shutil.copytree(runs["spherical"], tmp_path / "run")
-    change_manifest(folder, lambda content: content["code"].update(commit="0123456789abcdef+"))
-    for run, told in ((folder, "--allow-dirty"), (tmp_path, "expected the folder of a finished run")):
-        assert told in error_line(monkeypatch, capsys, "gate", run, "--baseline", tmp_path / "b", "--update")
+def test_update_refuses_what_is_no_run(monkeypatch, capsys, tmp_path):
+    words = ("gate", tmp_path, "--baseline", tmp_path / "b", "--update")
+    assert "expected the folder of a finished run" in error_line(monkeypatch, capsys, *words)
     assert not (tmp_path / "b").exists()

@@ -45,7 +45,7 @@ COMMANDS = {
     "validate": ("validate", "CARD", "--json", "OUT"),
     "gate, junit": ("gate", "RUN", "--baseline", "BASELINE", "--junit", "OUT"),
     "gate, json": ("gate", "RUN", "--baseline", "BASELINE", "--json", "OUT"),
-    "gate, update": ("gate", "RUN", "--allow-dirty", "--update", "--baseline", "OUT"),
+    "gate, update": ("gate", "RUN", "--update", "--baseline", "OUT"),
 }  # fmt: skip
 
 
@@ -57,7 +57,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         common = ("--no-pictures", "--workers", 1, "--protocol", "paper-v1")
         for name in ("nothing", "everything"):
             assert call(monkeypatch, "run", tiny_card, "--method", name, "--out", folder / "runs" / name, *common) == 0
-        words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "b", "--update", "--allow-dirty")
+        words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "b", "--update")
         assert call(monkeypatch, *words) == 0
         words = ("annotate", "export", tiny_card, "--annotated", "--format", "openlabel", "--out", folder / "labels")
         assert call(monkeypatch, *words, "--recording", "crossing") == 0

@@ -159,8 +159,8 @@ def test_no_difference_of_the_reference_is_small_where_the_data_are_the_same_or_
     assert check(before, after, "reference")[0].outcome is Outcome.FAILED
 
 
-def own(digest, commit=None):
-    return {"method": method_of_run("own", code_digest=digest, commit=commit)}
+def own(digest):
+    return {"method": method_of_run("own", code_digest=digest)}
 
 
 @pytest.mark.parametrize(
@@ -177,11 +177,7 @@ def own(digest, commit=None):
             {},
             ", with the benchmark of version 0 of an unknown commit",
         ),
-        (
-            own("1", "feed12"),
-            own("2"),
-            ", with 'own' of commit feed12",
-        ),
+        (own("1"), own("2"), ", with the code that 'own' had then"),
     ],
 )
 def test_how_to_look_at_a_change_is_told(before, after, code):

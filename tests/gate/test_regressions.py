@@ -50,7 +50,7 @@ class CalibrationShifted(SphericalMethod):
 @pytest.fixture(scope="module")
 def baseline(good_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("baselines") / "gated"
-    write_baseline(read_run_sums(good_run), folder, allow_dirty=True)
+    write_baseline(read_run_sums(good_run), folder)
     return folder
 
 

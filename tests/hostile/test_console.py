@@ -58,7 +58,7 @@ def runs(wild):
         monkeypatch.chdir(wild)
         words = ("--out", own, "--no-pictures", "--workers", 1, "--protocol", "paper-v1")
         assert call(monkeypatch, "run", wild / "datasets" / "tiny.yaml", "--method", "everything", *words) == 0
-        words = ("gate", own, "--baseline", wild / "b", "--update", "--allow-dirty")
+        words = ("gate", own, "--baseline", wild / "b", "--update")
         assert call(monkeypatch, *words) == 0
     shutil.copytree(own, foreign)
     change_manifest(foreign, lambda content: content["method"].update(name=WILD, settings={"words": WILD}))

@@ -107,7 +107,7 @@ def run_and_baseline(folder, patched):
     written(folder, patched)
     words = ("--method", "everything", "--workers", 1, "--no-pictures", "--out", folder / "run")
     assert call(patched, "run", folder / "card.yaml", *words) == 0
-    words = ("--baseline", folder / "baseline", "--update", "--allow-dirty")
+    words = ("--baseline", folder / "baseline", "--update")
     assert call(patched, "gate", folder / "run", *words) == 0
 
 

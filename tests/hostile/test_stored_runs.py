@@ -37,7 +37,7 @@ def whole(tmp_path_factory):
     for method in ("spherical", "everything"):
         score(card, folder / "runs" / method, method=method)
     with pytest.MonkeyPatch.context() as patched:
-        words = ("--baseline", folder / "baseline", "--update", "--allow-dirty")
+        words = ("--baseline", folder / "baseline", "--update")
         assert call(patched, "gate", folder / "runs/everything", *words) == 0
     return folder
 

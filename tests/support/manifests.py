@@ -18,12 +18,9 @@ def method_of_run(
     settings: dict[str, object] | None = None,
     place: str = "",
     code_digest: str = "0" * 64,
-    commit: str | None = None,
 ) -> MethodOfRun:
     place = place or known_methods().get(name, "own:Own")
-    return MethodOfRun(
-        name=name, settings=settings or {}, place=place, history=1, code_digest=code_digest, commit=commit
-    )
+    return MethodOfRun(name=name, settings=settings or {}, place=place, history=1, code_digest=code_digest)
 
 
 def manifest(
