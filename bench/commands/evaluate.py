@@ -98,13 +98,9 @@ def evaluate(
         print_blocks([table])
     note(prediction_line(found, threshold=method.threshold))
     refuse_faults(method, found)
-    scored = score(
-        request,
-        executor=executor,
-        pictures=pictures,
-        finish=lambda run: write_report(run.folder / PREDICTIONS, card, method, found),
-        progress=progress,
-    )
+    scored = score(request, executor=executor, pictures=pictures, progress=progress)
+    for run in (scored, *scored.others):
+        write_report(run.folder / PREDICTIONS, card, method, found)
     return Evaluation(run=scored, found=found)
 
 

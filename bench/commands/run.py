@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from bench.execution import TaskExecutor
     from bench.harness import Provenance, RunRequest, RunSummary, ScoredPart, StoredRun
     from bench.harness.manifest import Manifest
-    from bench.harness.run import Finish
     from bench.methods import Scorable
     from bench.recordings import DatasetCard
 
@@ -293,7 +292,6 @@ def score(
     *,
     executor: TaskExecutor,
     pictures: bool,
-    finish: Finish | None = None,
     remarks: Sequence[str] = (),
     progress: Report | None = None,
 ) -> Run:
@@ -303,7 +301,6 @@ def score(
         request: the run.
         executor: computes.
         pictures: also draw an example frame of every category.
-        finish: as of `run_benchmark`, before the report.
         remarks: on the data.
         progress: as of `run`.
 
@@ -316,25 +313,22 @@ def score(
     from bench.harness import run_benchmark
     from bench.reporting.run_tables import write_report_files
 
-    runs: list[Run] = []
-
-    def write(stored: StoredRun) -> None:
-        if finish is not None:
-            finish(stored)
-        files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)], list[str]()
-        if pictures:
-            from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
-
-            with console.progress_bar("drawing", "pictures") as drawing:
-                drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
-            files += drawn
-        files.sort(key=lambda file: file.name not in READ_FIRST)
-        missing = [f"no picture: {reason}" for reason in missing]
-        runs.append(Run(folder=stored.folder, files=tuple(files), remarks=(*remarks, *missing)))
-
     title = f"scoring {request.method.name} on {request.card.name}"
-    with console.resumable(request.folder), console.progress_bar(title, "images", progress) as report:
-        run_benchmark(request, executor=executor, progress=report, finish=write)
+    runs: list[Run] = []
+    with console.resumable(request.folder):
+        with console.progress_bar(title, "images", progress) as report:
+            results = run_benchmark(request, executor=executor, progress=report)
+        for stored in results:
+            files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)], list[str]()
+            if pictures:
+                from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
+
+                with console.progress_bar("drawing", "pictures") as drawing:
+                    drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
+                files += drawn
+            files.sort(key=lambda file: file.name not in READ_FIRST)
+            missing = [f"no picture: {reason}" for reason in missing]
+            runs.append(Run(folder=stored.folder, files=tuple(files), remarks=(*remarks, *missing)))
     return replace(runs[0], others=tuple(runs[1:]))
 
 

@@ -131,7 +131,8 @@ def sweep(
             for number, (value, request) in enumerate(requests.items()):
                 asked = replace(request, folder=folder / _folder_name(value), flow_cache=cache_folder() / "flow")
                 part = part_of(report, number=number, total=len(requests))
-                (stored,) = run_benchmark(asked, executor=executor, progress=part, finish=write_report_files)
+                (stored,) = run_benchmark(asked, executor=executor, progress=part)
+                write_report_files(stored)
                 runs[value] = Run(folder=stored.folder)
     told = sweep_report(
         setting,

@@ -63,9 +63,6 @@ SERIAL = SerialExecutor()
 LISTED = 3
 REPLACE = "give another folder with --out, or replace what is there with --overwrite"
 
-Finish = Callable[[StoredRun], object]
-
-
 Part = tuple[int, int]  # number, from 1, and count: every `count`-th task of a run, from the `number`-th on
 WHOLE: Part = (1, 1)
 
@@ -87,7 +84,6 @@ def run_benchmark(
     *,
     executor: TaskExecutor = SERIAL,
     progress: Progress | None = None,
-    finish: Finish | None = None,
 ) -> list[StoredRun]:
     """Score a method on a data set by one or several protocols, and store what it answered, counted and summed.
 
@@ -98,8 +94,6 @@ def run_benchmark(
         request: the run.
         executor: computes the tasks; the result does not depend on it.
         progress: called with the images done and their number, which is 0 while none is known.
-        finish: called for the results by each protocol when they are there; writes what else belongs to them, for
-            example tables and pictures.
 
     Returns:
         The results by each protocol. Recordings, tasks and images that could not be used are listed in
@@ -111,12 +105,7 @@ def run_benchmark(
         UsageError: the method cannot be copied for each task, or other processes cannot import it.
     """
     with _scored(request, WHOLE, executor, progress) as scored:
-        stored = []
-        for results, protocol in request.results.items():
-            stored.append(_write_results(results, protocol, request, scored))
-            if finish is not None:
-                finish(stored[-1])
-        return stored
+        return [_write_results(results, protocol, request, scored) for results, protocol in request.results.items()]
 
 
 def score_part(

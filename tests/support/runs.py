@@ -15,7 +15,7 @@ IMAGES = 12  # of the small data set that are scored
 
 def run_one(*, protocol: Protocol, out: Path, **options) -> RunSummary:
     """The summary of the run by one protocol."""
-    how = {name: options.pop(name) for name in ("executor", "progress", "finish") if name in options}
+    how = {name: options.pop(name) for name in ("executor", "progress") if name in options}
     (run,) = run_benchmark(RunRequest(folder=out, protocols=[protocol], **options), **how)
     return run.summary
 
