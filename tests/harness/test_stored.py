@@ -12,7 +12,6 @@ from bench.evaluation import Metric, sum_run, summary_of
 from bench.evaluation.maps import range_maps
 from bench.harness import read_run, read_tables
 from bench.harness.stored import HISTOGRAMS
-from benchmarks.large_run import STEPS, measure, write_runs
 from tests.support.counts import change_table, counts_file
 from tests.support.runs import PAPER, score
 
@@ -118,22 +117,3 @@ def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, x_m):
         DataError, match=r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle"
     ):
         range_maps(run.objects, protocol=run.protocol)
-
-
-# ---- runs larger than the memory: what reads a whole run holds a part of it at a time
-
-OBJECT_FRAMES = 500_000
-ROWS_AT_ONCE = 20_000  # in proportion to the default at ten million
-GROWTH_MB = 100  # in proportion to 2 GB at ten million
-
-
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory) -> tuple[Path, Path]:
-    return write_runs(tmp_path_factory.mktemp("large"), object_frames=OBJECT_FRAMES)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("step", sorted(STEPS))
-def test_memory_is_bounded_by_the_part_and_not_by_the_run(runs, step):
-    spent = measure(step, runs, rows_at_once=ROWS_AT_ONCE)
-    assert spent.peak_mb - spent.start_mb < GROWTH_MB
