@@ -228,7 +228,10 @@ def _process(
     outcomes: dict[str, Outcome] = {}
     total, done = sum(task.images for task in tasks), 0
     name, longest_first = request.method.name, sorted(tasks, key=lambda task: -task.images)  # to end together
-    for task, outcome in _computed(executor, partial(process_task, request, manifest), longest_first, name):
+    process: Callable[[Task], Outcome] = partial(process_task, request, manifest)
+    if progress is not None and isinstance(executor, SerialExecutor):  # a slow method is told of image by image
+        process = partial(process_task, request, manifest, answered=lambda answered: progress(done + answered, total))
+    for task, outcome in _computed(executor, process, longest_first, name):
         outcomes[str(task)] = outcome
         done += task.images
         if progress is not None:

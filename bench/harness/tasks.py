@@ -5,7 +5,7 @@ Both run in workers. What is computed is written to files; a file that is there 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -182,13 +182,16 @@ def first_scored(images: Sequence[ImageRef]) -> int:
     return next((index for index, image in enumerate(images) if image.scored), len(images))
 
 
-def process_task(request: RunRequest, manifest: AnswersManifest, task: Task) -> Outcome:
+def process_task(
+    request: RunRequest, manifest: AnswersManifest, task: Task, *, answered: Callable[[int], object] | None = None
+) -> Outcome:
     """Take the images of a task through the stages of which there is no file; a fault is returned, not raised.
 
     Args:
         request: the run.
         manifest: of the process that began it.
         task: which images.
+        answered: called after each image with the number of those that the method was asked for.
 
     Raises:
         OutputError: a result cannot be stored.
@@ -198,7 +201,7 @@ def process_task(request: RunRequest, manifest: AnswersManifest, task: Task) -> 
     failure, asked = "", 0
     try:
         with memoise_flow(request.flow_cache):
-            asked = _process(request, task)
+            asked = _process(request, task, answered)
     except OutputError:
         raise
     except BenchError as error:
@@ -208,7 +211,7 @@ def process_task(request: RunRequest, manifest: AnswersManifest, task: Task) -> 
     return Outcome(failure=failure, asked=asked, peak_memory_mb=largest_resident_mb())
 
 
-def _process(request: RunRequest, task: Task) -> int:
+def _process(request: RunRequest, task: Task, answered: Callable[[int], object] | None) -> int:
     """Find the references, ask and count, each where its file is missing; return how many images were asked of."""
     due = {
         results: protocol
@@ -225,14 +228,21 @@ def _process(request: RunRequest, task: Task) -> int:
         file = request.answers(results, task)
         if not file.is_file():
             asked += task.images
-            write_answers(file, ask(recording, task, request.method, references))
+            write_answers(file, ask(recording, task, request.method, references, answered=answered))
         answers = read_answers(file)
         counts = count_answers(recording, images, answers=answers, references=references, protocol=protocol)
         write_counts(results, task.place, *counts)
     return asked
 
 
-def ask(recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference]) -> list[Answer]:
+def ask(
+    recording: Recording,
+    task: Task,
+    method: Scorable,
+    references: Sequence[StoredReference],
+    *,
+    answered: Callable[[int], object] | None = None,
+) -> list[Answer]:
     """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
     Args:
@@ -240,6 +250,7 @@ def ask(recording: Recording, task: Task, method: Scorable, references: Sequence
         task: which images.
         method: to be asked.
         references: of the images, which only oracles see.
+        answered: as of `process_task`.
     """
     pipeline = FramePipeline(recording, task.camera, method=method)
     answers: list[Answer] = []
@@ -255,6 +266,8 @@ def ask(recording: Recording, task: Task, method: Scorable, references: Sequence
             answers.append(no_answer(key, SKIPPED, message_without_root(reason, recording)))
         except BenchError as error:
             answers.append(no_answer(key, FAILED, message_without_root(error, recording)))
+        if answered is not None:
+            answered(len(answers))
     return answers
 
 
