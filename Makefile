@@ -35,7 +35,7 @@ paper: $(INSTALLED) ## rebuild reports/paper: the simulated experiment with both
 	$(BIN)/fisheye-bench run datasets/paper-exact.yaml --no-pictures --overwrite
 	$(BIN)/fisheye-bench run datasets/range-maps.yaml --protocol extended-v1 --no-pictures --overwrite
 	$(BIN)/fisheye-bench audit datasets/paper.yaml --protocol paper-v1 --recordings 42 --out reports/audit/paper
-	$(BIN)/python -m benchmarks.ranking datasets/paper.yaml --recordings 42 --out reports/audit/paper
+	$(BIN)/python -m benchmarks.ranking datasets/paper.yaml --recordings 21 --out reports/audit/paper
 	cp reports/runs/paper-spherical/paper-v1/table.md reports/paper/table.md
 	cp reports/runs/paper-exact-spherical/paper-v1/table.md reports/paper/table-exact.md
 	$(BIN)/fisheye-bench report reports/runs/range-maps-spherical/extended-v1 --no-pictures
