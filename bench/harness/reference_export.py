@@ -29,7 +29,7 @@ from bench.evaluation import Protocol
 from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.answers import safe_name
 from bench.harness.references import message_without_root
-from bench.harness.tasks import first_scored
+from bench.harness.run import first_scored
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, open_dataset
 from bench.records.reference import ReferenceFrame
 from bench.reference import ReferenceBuilder

@@ -25,9 +25,8 @@ from bench.harness.answers import is_answered, segmentation_of
 from bench.harness.digests import digest_file
 from bench.harness.manifest import MANIFEST, Aspect, differences
 from bench.harness.references import cache_folder
-from bench.harness.run import run_benchmark
+from bench.harness.run import RunRequest, run_benchmark
 from bench.harness.stored import SUMMARY, SUMS, StoredRun, find_answer, read_run
-from bench.harness.tasks import RunRequest
 from bench.methods import Method, MethodInput, Segmentation, UnansweredImage
 from bench.recordings import DatasetCard
 

@@ -7,7 +7,7 @@ import pytest
 from bench.adapters.woodscape import WoodscapeOptions, read_camera, woodscape_recordings
 from bench.errors import DataError
 from bench.evaluation import load_protocol
-from bench.harness.tasks import cut_tasks
+from bench.harness.run import cut_tasks
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
 from bench.records.reference import IgnoreReason, Status

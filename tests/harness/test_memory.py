@@ -17,7 +17,7 @@ from pathlib import Path
 
 from bench.evaluation import load_protocol
 from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
-from bench.harness.tasks import RunRequest, plan_recording, process_task
+from bench.harness.run import RunRequest, plan_recording, process_task
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 

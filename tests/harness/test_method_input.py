@@ -99,7 +99,7 @@ def test_chunks_give_the_same_tables(tiny_card, tmp_path, monkeypatch, name):
         return [sorted(table.to_pylist(), key=key) for table in read_tables(tmp_path / out)]
 
     whole = found("whole")
-    monkeypatch.setattr("bench.harness.tasks.TASK_IMAGES", 1)
+    monkeypatch.setattr("bench.harness.run.TASK_IMAGES", 1)
     assert found("chunks") == whole
     assert len(list((tmp_path / "chunks" / "answers").rglob("*.parquet"))) == len(whole[1]) == 12
 

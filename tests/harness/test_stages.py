@@ -33,7 +33,7 @@ from bench.harness.digests import RecordingDigests, digest_recording
 from bench.harness.frames import InputOnly
 from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
 from bench.harness.references import evict_cache, find_references, pack_reference, reference_of
-from bench.harness.tasks import cut_tasks, plan_recording, process_task
+from bench.harness.run import cut_tasks, plan_recording, process_task
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
@@ -410,7 +410,7 @@ def test_a_method_that_cannot_be_copied_is_refused_before_anything_is_written(ti
     ],
 )
 def test_every_image_to_be_scored_is_in_one_task(tiny_card, monkeypatch, unscored, history, tasks):
-    monkeypatch.setattr("bench.harness.tasks.TASK_IMAGES", 2)
+    monkeypatch.setattr("bench.harness.run.TASK_IMAGES", 2)
     handle = open_dataset(load_card(tiny_card))[0]
     recording = handle.open()
     images = [replace(image, scored=k >= unscored) for k, image in enumerate(recording.images["front"])]
