@@ -21,8 +21,7 @@ from bench.records.recording import ImageRef, MountedCamera
 PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 JPEG_SCAN, MOST_SCANS = b"\xff\xda", 100  # each takes the time of a whole image; encoders write ten or so
-PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
-PNG_INDEXED = b"\x03"  # kind of colour
+PNG_INDEXED = b"\x03"  # kind of colour, in the header
 MOST_WHITE = 65535
 IMAGE_FILE = "an image file"
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
@@ -191,10 +190,6 @@ def _decoded(content: bytes, kind: int, file: Path) -> NDArray[Any]:
         raise DataError(file, expected=f"an image of at most {LARGEST_PX} px", got=got)
     if content.startswith(JPEG_START):
         return _jpeg(content, header, kind, file)
-    if kind == cv2.IMREAD_GRAYSCALE and header is not None and content[24:26] == PNG_8_BIT_GREY:
-        grey = _grey_png(content, header)
-        if grey is not None:
-            return grey
     if header is None or not _is_undamaged(header):
         raise DataError(file, expected="a whole PNG or JPEG file", got="a damaged PNG")
     flags = kind if kind == cv2.IMREAD_UNCHANGED else kind | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
@@ -205,15 +200,6 @@ def _decoded(content: bytes, kind: int, file: Path) -> NDArray[Any]:
     if pixels is None:
         raise DataError(file, expected="an image that can be decoded", got=f"{len(content)} bytes that cannot")
     return pixels
-
-
-def _grey_png(content: bytes, header: PngImageFile | JpegImageFile) -> NDArray[np.uint8] | None:
-    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where they cannot be decoded."""
-    try:
-        pixels = kornia_rs.io.decode_image_png_u8(content, (header.height, header.width), "mono")
-    except Exception:  # noqa: BLE001 - it raises no narrower kind
-        return None
-    return np.asarray(pixels, dtype=np.uint8)[..., 0]
 
 
 def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int, file: Path) -> NDArray[np.uint8]:

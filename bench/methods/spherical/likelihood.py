@@ -14,8 +14,8 @@ from bench.errors import UsageError
 from bench.geometry import Bools, Floats, RigidTransform, RoadPlane
 from bench.methods.settings import Positive, set_groups
 from bench.methods.spherical.constraints import PAPER, Deviations, Variants, deviations, static_camera_deviation
-from bench.methods.two_views import rotated_halfway
-from bench.records.segmentation import PAPER_THRESHOLD
+from bench.methods.two_views import flow_parts, rotated_halfway
+from bench.records.segmentation import PAPER_THRESHOLD, Segmentation
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
 THREE_VIEW = "three_view"
@@ -221,6 +221,23 @@ class SphericalSettings:
             deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
         )
 
-    def threshold_of(self, likelihoods: LikelihoodMap) -> float:
-        """The likelihood above which a cell moves."""
-        return self.static_threshold if likelihoods.stationary else self.threshold
+    def segmentation(self, likelihoods: LikelihoodMap, flow: NDArray[np.float32]) -> Segmentation:
+        """Apply the threshold.
+
+        Args:
+            likelihoods: of the cells of an image, (rows, columns).
+            flow: (rows, columns, 2) float32, px, from the current to the previous image; to look at.
+        """
+        deviations = {name: deviation.astype(np.float32) for name, deviation in likelihoods.deviations.items()}
+        threshold = self.static_threshold if likelihoods.stationary else self.threshold
+        causes = CONSTRAINTS if THREE_VIEW not in deviations else (*CONSTRAINTS, THREE_VIEW)
+        return Segmentation(
+            cell_size_px=self.cell_size_px,
+            mask=(likelihoods.likelihood > threshold) & likelihoods.seen,
+            likelihood=np.where(likelihoods.seen, likelihoods.likelihood, 0.0).astype(np.float32),
+            undefined=~(likelihoods.defined & likelihoods.seen),
+            causes=(STATIC_CAUSE,) if likelihoods.stationary else causes,
+            cause=likelihoods.cause,
+            parts=flow_parts(flow) | deviations,
+            threshold=threshold,
+        )
