@@ -16,7 +16,7 @@ from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.ego import own_body
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, TextureAtlas, faces_of, texture_atlas
-from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Shadows, Sky, lamp_faces, street_lamps_m
+from bench.synthesis.imaging.lights import NO_LAMPS, Shadows, Sky, lamp_faces, lamps_of, street_lamps_m
 from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.visibility import View, find_visible, lens_of, untiled
 from bench.synthesis.mesh import Mesh, PlacedMesh
@@ -111,7 +111,6 @@ class ImageRenderer:
             glow=np.float32(light.kind.sun_glow),
             sun=light.towards_sun.astype(np.float32),
         )
-        self._headlights = Headlights() if light.kind.night else None
         self._street_lamps_m = street_lamps_m(self._world)
         if not light.kind.night:
             self._world.rows[lamp_faces(self._world), GLOW] = 0.0  # switched off
@@ -197,9 +196,9 @@ class ImageRenderer:
     ) -> NDArray[np.float32]:
         """Grey values of what the pixels' centres see, 1 is white."""
         lens, light, lamps = self._lens, self._light, NO_LAMPS
-        if self._headlights is not None:
+        if light.kind.night:
             others = corners[: len(corners) - len(bodies[-1].corners_m)]
-            lamps = self._headlights.lamps(others, self._street_lamps_m, middle.world_from_vehicle)
+            lamps = lamps_of(others, self._street_lamps_m, middle.world_from_vehicle)
         with self._shadows.around(origin_m, [body.corners_m for body in bodies]) as (near, far, cover):
             scene = ShadingScene(
                 rows, rotation.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
