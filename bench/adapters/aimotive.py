@@ -63,7 +63,7 @@ from bench.records.recording import (
     Recording,
     SweepRef,
     Track,
-    yaw_rates,
+    world_yaw_rates,
 )
 
 CALIBRATION, EGO_MOTION = "sensor/calibration/calibration.json", "sensor/gnssins/egomotion.json"
@@ -403,7 +403,8 @@ def _track(
 ) -> Track:
     poses = [RigidTransform.from_quaternion((b.qw, b.qx, b.qy, b.qz), (b.x, b.y, b.z)) for _, b in boxes]
     times_ns = np.array([time_ns for time_ns, _ in boxes], dtype=np.int64)
-    rates = yaw_rates(times_ns, np.stack([pose.rotation for pose in poses]), trajectory)
+    world_from_vehicle, _, _ = trajectory.at(times_ns)
+    rates = world_yaw_rates(times_ns, world_from_vehicle @ np.stack([pose.rotation for pose in poses]))
     states = []
     for (time_ns, box), pose, rate in zip(boxes, poses, rates, strict=True):
         velocity_mps = ego_mps[time_ns] + np.array([box.velocity_x, box.velocity_y, box.velocity_z])

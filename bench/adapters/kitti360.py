@@ -140,7 +140,7 @@ def open_kitti360(root: Path, folder: Path, options: Kitti360Options, *, annotat
     if not images[names[0]]:
         raise DataError(folder / names[0] / "data_rgb", expected="images <frame, ten digits>.png", got="none")
     clock = read_clock(inside(folder / names[0] / "timestamps.txt"), list(images[names[0]]))
-    drive = read_drive(inside(root / POSES / sequence / "poses.txt"), clock, vehicle_from_imu)
+    trajectory, world_from_global = read_drive(inside(root / POSES / sequence / "poses.txt"), clock, vehicle_from_imu)
     boxes = root / BOXES / options.boxes / f"{sequence}.xml"
     tracks: tuple[Track, ...] = ()
     windows: set[tuple[int, int]] = set()
@@ -148,7 +148,7 @@ def open_kitti360(root: Path, folder: Path, options: Kitti360Options, *, annotat
         tracks = read_annotations(annotations)
     elif boxes.is_file():
         objects, windows = read_boxes(inside(boxes))
-        tracks = tracks_from_world(objects, drive, clock)
+        tracks = tracks_from_world(objects, trajectory, world_from_global, clock)
     left_out = [entry.frames for entry in options.excluded_frames if f"_drive_{entry.sequence}_" in sequence]
 
     def evaluated(files: Mapping[int, Path]) -> list[tuple[int, Path]]:
@@ -170,7 +170,7 @@ def open_kitti360(root: Path, folder: Path, options: Kitti360Options, *, annotat
             name: tuple(ImageRef(camera=name, timestamp_ns=t, path=path) for t, path in evaluated(files))
             for name, files in images.items()
         },
-        trajectory=drive.trajectory,
+        trajectory=trajectory,
         vehicle_from_lidar=vehicle_from_lidar,
         sweeps=tuple(SweepRef(timestamp_ns=t, path=path, reader=reader) for t, path in evaluated(scans)),
         tracks=tracks,

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import polar
 
-from bench.adapters.kitti_files import Drive, FrameClock
+from bench.adapters.kitti_files import FrameClock
+from bench.egomotion import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state
@@ -188,7 +189,12 @@ def _matrix(element: Element, name: str, file: Path) -> NDArray[np.float64]:
 # From boxes in the data set's world to tracks in the vehicle frame, frame by frame
 
 
-def tracks_from_world(boxes: Mapping[str, Sequence[WorldBox]], drive: Drive, clock: FrameClock) -> tuple[Track, ...]:
+def tracks_from_world(
+    boxes: Mapping[str, Sequence[WorldBox]],
+    trajectory: Trajectory,
+    world_from_global: RigidTransform,
+    clock: FrameClock,
+) -> tuple[Track, ...]:
     """Put boxes where the vehicle sees them.
 
     Stationary boxes get a state at each frame of their window at which they are near. Frames without ego-motion have no
@@ -197,13 +203,14 @@ def tracks_from_world(boxes: Mapping[str, Sequence[WorldBox]], drive: Drive, clo
 
     Args:
         boxes: of each object.
-        drive: where the vehicle was.
+        trajectory: of the vehicle.
+        world_from_global: its world from that of the boxes.
         clock: times of frames.
 
     Returns:
         Tracks of everything that can move, whether it does or not.
     """
-    ego = _EgoPath(drive, clock)
+    ego = _EgoPath(trajectory, world_from_global, clock)
     tracks = [_track(key, group, ego) for key, group in boxes.items()]
     kinds = {key: group[0].label.name for key, group in boxes.items() if group[0].label is not None}
     return joined_riders([track for track in tracks if track.states], kinds)
@@ -212,11 +219,11 @@ def tracks_from_world(boxes: Mapping[str, Sequence[WorldBox]], drive: Drive, clo
 class _EgoPath:
     """The vehicle at every frame that has ego-motion."""
 
-    def __init__(self, drive: Drive, clock: FrameClock) -> None:
-        self.world_from_global = drive.world_from_global
+    def __init__(self, trajectory: Trajectory, world_from_global: RigidTransform, clock: FrameClock) -> None:
+        self.world_from_global = world_from_global
         frames = np.fromiter(clock.times_ns, dtype=np.int64)
         times_ns = np.fromiter(clock.times_ns.values(), dtype=np.int64)
-        rotations, positions_m, valid = drive.trajectory.at(times_ns)
+        rotations, positions_m, valid = trajectory.at(times_ns)
         self.frames, self.times_ns = frames[valid], times_ns[valid]
         self.rotations, self.positions_m = rotations[valid], positions_m[valid]
 

@@ -160,20 +160,7 @@ def _stamp_ns(line: str, row: int, file: Path) -> int:
         raise DataError(file, field=f"line {row}", expected=expected, got=repr(line.strip()[:40])) from None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Drive:
-    """Motion of the car.
-
-    Attributes:
-        trajectory: of the vehicle frame, in a world with z up that begins near the first pose.
-        world_from_global: from the world of the data set, which all sequences share.
-    """
-
-    trajectory: Trajectory
-    world_from_global: RigidTransform
-
-
-def read_drive(file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform) -> Drive:
+def read_drive(file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform) -> tuple[Trajectory, RigidTransform]:
     """Read `poses.txt`, and the drive through it.
 
     Poses are missing where the car had moved too little since the last one (kitti360Scripts #96, #102). Gaps of over a
@@ -184,6 +171,10 @@ def read_drive(file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform) 
         file: lines of frame number and 3 x 4 matrix, global world from IMU.
         clock: times of frames.
         vehicle_from_imu: mounting of the IMU.
+
+    Returns:
+        trajectory: of the vehicle frame, in a world with z up that begins near the first pose.
+        world_from_global: from the world of the data set, which all sequences share.
 
     Raises:
         DataError: missing, too large, empty, not UTF-8, a line that is no pose, fewer than two poses, or frames that do
@@ -205,7 +196,7 @@ def read_drive(file: Path, clock: FrameClock, vehicle_from_imu: RigidTransform) 
         positions_m=np.stack([pose.translation_m for pose in vehicles]),
         max_gap_ns=LONGEST_GAP_NS,
     )
-    return Drive(trajectory=_stationary_filled(sparse, clock), world_from_global=world_from_global)
+    return _stationary_filled(sparse, clock), world_from_global
 
 
 def _levelled(global_from_vehicle: RigidTransform) -> RigidTransform:

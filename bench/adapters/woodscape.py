@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -188,6 +187,17 @@ class Intrinsic(FileModel):
     height: float = Field(ge=1, le=LARGEST_SIDE_PX)
     aspect_ratio: float = Field(gt=0)
 
+    def lens(self, max_angle_rad: float | None) -> RadialPolynomialCamera:
+        """The lens, whose principal point is stated as an offset from the middle of the image."""
+        return RadialPolynomialCamera(
+            width=int(self.width),
+            height=int(self.height),
+            coefficients=(self.k1, self.k2, self.k3, self.k4),
+            principal_point=(self.cx_offset + self.width / 2 - 0.5, self.cy_offset + self.height / 2 - 0.5),
+            aspect_ratio=self.aspect_ratio,
+            max_angle_rad=max_angle_rad,
+        )
+
 
 class CalibrationFile(ForeignModel):
     """A file of `calibration_data`."""
@@ -214,10 +224,8 @@ def read_camera(file: Path, pair: str, options: WoodscapeOptions) -> MountedCame
     x, y, z, w = content.extrinsic.quaternion
     with located(file, content.name):
         vehicle_from_camera = RigidTransform.from_quaternion((w, x, y, z), content.extrinsic.translation)
-        lens = RadialPolynomialCamera.from_woodscape(content.intrinsic.model_dump())
-        limit_rad = options.max_angle_rad(content.name)
-        model = lens if limit_rad is None else replace(lens, max_angle_rad=limit_rad)
-        return options.mounted(content.name, model, vehicle_from_camera)
+        lens = content.intrinsic.lens(options.max_angle_rad(content.name))
+        return options.mounted(content.name, lens, vehicle_from_camera)
 
 
 # Vehicle data

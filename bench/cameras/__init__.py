@@ -9,8 +9,8 @@ Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x r
 
 from bench.cameras.angular import KannalaBrandtCamera, OcamCamera, RadialPolynomialCamera
 from bench.cameras.model import CameraModel, RayGrid, RollingShutter, ray_grid
-from bench.cameras.pinhole import BrownConradyCamera, PinholeCamera
-from bench.cameras.spheres import DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
+from bench.cameras.pinhole import PinholeCamera
+from bench.cameras.spheres import BrownConradyCamera, DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
 from bench.cameras.stored import CAMERA_MODELS, camera_from_parameters, camera_parameters
 
 __all__ = [

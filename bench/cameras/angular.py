@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -197,19 +197,6 @@ class RadialPolynomialCamera(AngularCamera):
             raise ShapeError(f"aspect_ratio: expected a positive number, got {self.aspect_ratio}")
         radius = MonotonePolynomial(self.coefficients, 1, checked_max_angle(self.max_angle_rad))
         self._prepare(radius, scale=(1.0, self.aspect_ratio), centre=self.principal_point)
-
-    @classmethod
-    def from_woodscape(cls, intrinsic: Mapping[str, Any]) -> Self:
-        """From the `intrinsic` part of a WoodScape calibration, whose centre is an offset from the image's middle."""
-        width, height = float(intrinsic["width"]), float(intrinsic["height"])
-        centre = float(intrinsic["cx_offset"]) + width / 2 - 0.5, float(intrinsic["cy_offset"]) + height / 2 - 0.5
-        return cls(
-            width=int(width),
-            height=int(height),
-            coefficients=tuple(float(intrinsic[f"k{i}"]) for i in range(1, int(intrinsic["poly_order"]) + 1)),
-            principal_point=centre,
-            aspect_ratio=float(intrinsic["aspect_ratio"]),
-        )
 
     @override
     def _rescaled(self, scale_u: float, scale_v: float) -> dict[str, Any]:

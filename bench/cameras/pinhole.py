@@ -1,15 +1,15 @@
-"""Lenses that map a ray to a plane, then stretch the plane to pixels: the pinhole, and Brown's as OpenCV has it."""
+"""Lenses that map a ray to a plane, then stretch the plane to pixels: the pinhole; and Brown's distortion."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from typing_extensions import override
 
 from bench.cameras.angular import MonotonePolynomial, positive_roots
-from bench.cameras.model import FocalCamera, checked_max_angle, finite_numbers, finite_pair
+from bench.cameras.model import FocalCamera
 from bench.errors import ShapeError
 from bench.geometry import Bools, Floats
 
@@ -161,55 +161,3 @@ class BrownDistortion:
         between = positive_roots((along - across) * (along - 9 * across) + 64 * tilt**2)
         within = [radius for radius in between if float((along + 3 * across - 16 * tilt)(radius)) < 0]
         return min([*ends, *within], default=np.inf)
-
-
-@dataclass(frozen=True, kw_only=True)
-class BrownConradyCamera(PlanarCamera):
-    """The pinhole with Brown's distortion: OpenCV's `plumb_bob` of four or five coefficients.
-
-    The mapping holds for z > 0 within the cone in which the distortion is one-to-one.
-
-    Attributes:
-        radial: (k1, k2, k3); fewer count as followed by 0.
-        tangential: (p1, p2). OpenCV's order of all five is k1, k2, p1, p2, k3.
-        max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
-    """
-
-    radial: tuple[float, ...] = ()
-    tangential: tuple[float, float] = (0.0, 0.0)
-    max_angle_rad: float | None = None
-    _distortion: BrownDistortion = field(init=False, repr=False, compare=False)
-    _limit_rad: float = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "radial", finite_numbers(self.radial, "radial"))
-        object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
-        if len(self.radial) > 3:
-            raise ShapeError(f"radial: expected at most three numbers k1, k2, k3, got {self.radial}")
-        k1, k2, k3 = (*self.radial, 0.0, 0.0, 0.0)[:3]
-        wanted_rad = checked_max_angle(self.max_angle_rad)
-        domain = float(np.tan(wanted_rad)) if wanted_rad < np.pi / 2 else np.inf
-        distortion = BrownDistortion((k1, k2, k3), self.tangential, domain)
-        object.__setattr__(self, "_distortion", distortion)
-        object.__setattr__(self, "_limit_rad", float(np.arctan(distortion.limit)))
-
-    @property
-    @override
-    def limit_angle_rad(self) -> float:
-        return self._limit_rad
-
-    @override
-    def _project(self, points: Floats) -> tuple[Floats, Floats, Bools]:
-        z = points[:, 2]
-        x, y = points[:, 0] / z, points[:, 1] / z
-        u, v = self._pixels(*self._distortion(x, y))
-        within = np.hypot(x, y) <= self._distortion.limit
-        return u, v, (z > 0) & within & np.isfinite(u) & np.isfinite(v)
-
-    @override
-    def _unproject(self, u: Floats, v: Floats, rays: Floats) -> Bools:
-        x, y, valid = self._distortion.inverse(*self._plane(u, v))
-        z = 1.0 / np.sqrt(x * x + y * y + 1.0)
-        rays[:, 0], rays[:, 1], rays[:, 2] = x * z, y * z, z
-        return valid & np.isfinite(z)

@@ -1,4 +1,4 @@
-"""Lenses by way of a sphere, to the image from behind it: unified (MEI), double sphere, extended unified."""
+"""Lenses by way of a sphere, to the image from behind it: Brown's, unified (MEI), double sphere, extended unified."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from typing_extensions import override
 
 from bench.cameras.angular import AngularCamera
-from bench.cameras.model import FocalCamera, checked_max_angle, finite_pair
+from bench.cameras.model import FocalCamera, checked_max_angle, finite_numbers, finite_pair
 from bench.cameras.pinhole import BrownDistortion, PlanarCamera
 from bench.errors import ShapeError
 from bench.geometry import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnifiedCamera(PlanarCamera):
+class DistortedCamera(PlanarCamera):
     """Projection on the unit sphere, then from a centre `xi` behind it, then distortion.
 
     The unit vector (x, y, z) goes to m = (x, y)/(z + xi), is distorted as in OpenCV's Brown model, scaled by the
@@ -25,17 +25,14 @@ class UnifiedCamera(PlanarCamera):
     radius; never a test of z > 0.
 
     Attributes:
-        xi: mirror parameter, >= 0; 0 is the pinhole. `focal` is also called gamma.
-        radial: (k1, k2).
-        tangential: (p1, p2), which the KITTI-360 tools leave out.
+        xi: mirror parameter, >= 0; 0 is the pinhole.
+        radial: (k1, k2, k3); fewer count as followed by 0.
+        tangential: (p1, p2).
         max_angle_rad: field limit of the lens; None for as far as the mapping is one-to-one.
-
-    Source:
-        Mei and Rives 2007; KITTI-360 and aiMotive calibrations.
     """
 
-    xi: float
-    radial: tuple[float, float] = (0.0, 0.0)
+    xi: float = field(init=False, default=0.0)
+    radial: tuple[float, ...] = ()
     tangential: tuple[float, float] = (0.0, 0.0)
     max_angle_rad: float | None = None
     _distortion: BrownDistortion = field(init=False, repr=False, compare=False)
@@ -45,11 +42,14 @@ class UnifiedCamera(PlanarCamera):
         super().__post_init__()
         if not (np.isfinite(self.xi) and self.xi >= 0):
             raise ShapeError(f"xi: expected a number >= 0, got {self.xi}")
-        object.__setattr__(self, "radial", finite_pair(self.radial, "radial"))
+        object.__setattr__(self, "radial", finite_numbers(self.radial, "radial"))
         object.__setattr__(self, "tangential", finite_pair(self.tangential, "tangential"))
+        if len(self.radial) > 3:
+            raise ShapeError(f"radial: expected at most three numbers k1, k2, k3, got {self.radial}")
+        k1, k2, k3 = (*self.radial, 0.0, 0.0, 0.0)[:3]
         sphere_rad = np.arccos(-1.0 / self.xi) if self.xi > 1 else np.arccos(-self.xi)
         wanted_rad = min(checked_max_angle(self.max_angle_rad), float(sphere_rad))
-        distortion = BrownDistortion((*self.radial, 0.0), self.tangential, self._radius_at(wanted_rad))
+        distortion = BrownDistortion((k1, k2, k3), self.tangential, self._radius_at(wanted_rad))
         object.__setattr__(self, "_distortion", distortion)
         object.__setattr__(self, "_limit_rad", min(wanted_rad, self._angle_at(distortion.limit)))
 
@@ -87,6 +87,27 @@ class UnifiedCamera(PlanarCamera):
         inside = 1.0 + (1.0 - self.xi**2) * radius**2
         lift = (self.xi + np.sqrt(max(inside, 0.0))) / (1.0 + radius**2)
         return float(np.arctan2(lift * radius, lift - self.xi))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrownConradyCamera(DistortedCamera):
+    """The pinhole with Brown's distortion: OpenCV's `plumb_bob` of four or five coefficients.
+
+    The mapping holds for z > 0 within the cone in which the distortion is one-to-one. OpenCV's order of all five
+    coefficients is k1, k2, p1, p2, k3.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnifiedCamera(DistortedCamera):
+    """The unified model (MEI); `focal` is also called gamma. The KITTI-360 tools leave out `tangential`.
+
+    Source:
+        Mei and Rives 2007; KITTI-360 and aiMotive calibrations.
+    """
+
+    xi: float = field()
+    radial: tuple[float, ...] = (0.0, 0.0)
 
 
 class SphereRadius:

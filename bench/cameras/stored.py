@@ -7,8 +7,8 @@ from typing import Any
 
 from bench.cameras.angular import KannalaBrandtCamera, OcamCamera, RadialPolynomialCamera
 from bench.cameras.model import CameraModel
-from bench.cameras.pinhole import BrownConradyCamera, PinholeCamera
-from bench.cameras.spheres import DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
+from bench.cameras.pinhole import PinholeCamera
+from bench.cameras.spheres import BrownConradyCamera, DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
 from bench.errors import ShapeError, UnknownNameError
 
 CAMERA_MODELS: dict[str, type[CameraModel]] = {

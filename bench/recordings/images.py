@@ -21,8 +21,7 @@ from bench.records.recording import ImageRef, MountedCamera
 PNG_START, PNG_END = b"\x89PNG\r\n\x1a\n", b"\0\0\0\0IEND\xaeB`\x82"
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 JPEG_SCAN, MOST_SCANS = b"\xff\xda", 100  # each takes the time of a whole image; encoders write ten or so
-PNG_8_BIT_GREY = b"\x08\x00"  # depth and kind of colour, in the header
-PNG_INDEXED = b"\x03"  # kind of colour
+PNG_INDEXED = b"\x03"  # kind of colour, in the header
 MOST_WHITE = 65535
 IMAGE_FILE = "an image file"
 LARGEST_PX = 1 << 26  # 8192 x 8192; a header of a few bytes can ask for far more
@@ -185,18 +184,19 @@ def _decoded(content: bytes, kind: int, file: Path) -> NDArray[Any]:
     fault = _fault(content)
     if fault is not None:
         raise DataError(file, expected="a whole PNG or JPEG file", got=fault)
-    header = _header(content)
-    if header is not None and header.width * header.height > LARGEST_PX:
+    is_png = content.startswith(PNG_START)
+    try:
+        header = (PngImageFile if is_png else JpegImageFile)(BytesIO(content))
+        if is_png:
+            header.verify()  # its checksums; OpenCV ignores those of image data
+    except (SyntaxError, OSError, ValueError) as error:  # also other errors of reading come as SyntaxError
+        got = f"a damaged {'PNG' if is_png else 'JPEG'}"
+        raise DataError(file, expected="a whole PNG or JPEG file", got=got) from error
+    if header.width * header.height > LARGEST_PX:
         got = f"{header.width} x {header.height}"
         raise DataError(file, expected=f"an image of at most {LARGEST_PX} px", got=got)
-    if content.startswith(JPEG_START):
+    if isinstance(header, JpegImageFile):
         return _jpeg(content, header, kind, file)
-    if kind == cv2.IMREAD_GRAYSCALE and header is not None and content[24:26] == PNG_8_BIT_GREY:
-        grey = _grey_png(content, header)
-        if grey is not None:
-            return grey
-    if header is None or not _is_undamaged(header):
-        raise DataError(file, expected="a whole PNG or JPEG file", got="a damaged PNG")
     flags = kind if kind == cv2.IMREAD_UNCHANGED else kind | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         pixels = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
@@ -207,16 +207,7 @@ def _decoded(content: bytes, kind: int, file: Path) -> NDArray[Any]:
     return pixels
 
 
-def _grey_png(content: bytes, header: PngImageFile | JpegImageFile) -> NDArray[np.uint8] | None:
-    """The pixels of an 8-bit grey PNG, in a third of OpenCV's time; None where they cannot be decoded."""
-    try:
-        pixels = kornia_rs.io.decode_image_png_u8(content, (header.height, header.width), "mono")
-    except Exception:  # noqa: BLE001 - it raises no narrower kind
-        return None
-    return np.asarray(pixels, dtype=np.uint8)[..., 0]
-
-
-def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int, file: Path) -> NDArray[np.uint8]:
+def _jpeg(content: bytes, header: JpegImageFile, kind: int, file: Path) -> NDArray[np.uint8]:
     """The pixels of a JPEG, grey or in colour.
 
     Pixels and time are as OpenCV's, which has the same library. But where that warns of damaged data, OpenCV prints
@@ -225,8 +216,6 @@ def _jpeg(content: bytes, header: PngImageFile | JpegImageFile | None, kind: int
     Raises:
         DataError: the data is damaged or ends before the last line, or of another depth or kind of colour.
     """
-    if not isinstance(header, JpegImageFile):
-        raise DataError(file, expected="a whole JPEG", got="one whose header is damaged")
     if header.layers not in (1, 3):
         got = f"{header.layers} of {header.bits} bits"
         raise DataError(file, expected="a JPEG of one or three components of 8 bits", got=got)
@@ -260,20 +249,3 @@ def _fault(content: bytes) -> str | None:
     if content.startswith(JPEG_START):
         return None if JPEG_END in content else f"a JPEG cut short at {len(content)} bytes"  # what follows is padding
     return f"{len(content)} bytes that begin with {content[:8].hex(' ')}" if content else "an empty file"
-
-
-def _header(content: bytes) -> PngImageFile | JpegImageFile | None:
-    """The header of a PNG or JPEG; None where there is none that can be read."""
-    try:
-        return (PngImageFile if content.startswith(PNG_START) else JpegImageFile)(BytesIO(content))
-    except (SyntaxError, OSError, ValueError):  # also other errors of reading come as SyntaxError
-        return None
-
-
-def _is_undamaged(header: PngImageFile | JpegImageFile) -> bool:
-    """Compare the checksums of a PNG; OpenCV ignores those of image data."""
-    try:
-        header.verify()
-    except (SyntaxError, OSError, ValueError):
-        return False
-    return True

@@ -379,25 +379,16 @@ def frame_gaps(recording: Recording, camera: str) -> dict[int, int]:
 TURN_SPAN_NS = 500_000_000  # headings are compared over about this time, since single ones jitter
 
 
-def yaw_rates(
-    timestamps_ns: NDArray[np.int64], vehicle_from_object: NDArray[np.float64], trajectory: Trajectory
-) -> NDArray[np.float64]:
+def world_yaw_rates(timestamps_ns: NDArray[np.int64], world_from_object: NDArray[np.float64]) -> NDArray[np.float64]:
     """Turn of an object over the ground, from its headings a quarter of a second before and after.
 
     Args:
         timestamps_ns: (N,) int64, increasing.
-        vehicle_from_object: (N, 3, 3) float64, rotation of the box at each time.
-        trajectory: of the ego vehicle.
+        world_from_object: (N, 3, 3) float64, rotation of the box at each time, in a world with z up.
 
     Returns:
         (N,) float64, rad/s, positive to the left; 0 for an object seen once.
     """
-    world_from_vehicle, _, _ = trajectory.at(timestamps_ns)
-    return world_yaw_rates(timestamps_ns, world_from_vehicle @ vehicle_from_object)
-
-
-def world_yaw_rates(timestamps_ns: NDArray[np.int64], world_from_object: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn of an object over the ground, (N,) rad/s, from its rotations in a world with z up, (N, 3, 3) float64."""
     forward_world = world_from_object[:, :, 0]
     heading_rad = np.unwrap(np.arctan2(forward_world[:, 1], forward_world[:, 0]))
     first = np.searchsorted(timestamps_ns, timestamps_ns - TURN_SPAN_NS // 2)

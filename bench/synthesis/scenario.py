@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -143,11 +143,19 @@ Positive = Annotated[float, Field(ge=1e-6, le=1e6)]
 Place = tuple[Number, Number, Number]
 
 
-def refuse_twice(names: list[str], field: str) -> None:
-    """Raise ValueError unless every name occurs once."""
+Named = TypeVar("Named")
+
+
+def _once(values: tuple[Named, ...]) -> tuple[Named, ...]:
+    """Refuse a name, or something of a name, that is there twice."""
+    names = [str(getattr(value, "name", value)) for value in values]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ValueError(f"{field}: names that occur once; {', '.join(twice)} does not")
+        raise ValueError(f"names that occur once; {', '.join(twice)} does not")
+    return values
+
+
+Once = AfterValidator(_once)
 
 
 def interval_ns(rate_hz: float) -> int:
@@ -604,17 +612,11 @@ class RecordingSpec(FileModel):
     name: Name
     about: str = ""
     frames: int = Field(default=30, ge=1)
-    cameras: tuple[Name, ...] = ()
+    cameras: Annotated[tuple[Name, ...], Once] = ()
     host: EgoSpec
     street: StreetSpec = StreetSpec()
     light: LightSpec = LightSpec()
-    actors: tuple[ActorSpec, ...] = ()
-
-    @model_validator(mode="after")
-    def _names_once(self) -> RecordingSpec:
-        refuse_twice([actor.name for actor in self.actors], "actors")
-        refuse_twice(list(self.cameras), "cameras")
-        return self
+    actors: Annotated[tuple[ActorSpec, ...], Once] = ()
 
 
 class ScenarioHead(FileModel):
@@ -634,14 +636,9 @@ class ScenarioHead(FileModel):
     licence: str
     seed: int = Field(ge=0)
     frame_rate_hz: float = Field(default=15.0, ge=0.1, le=1000)
-    cameras: tuple[CameraSpec, ...] = Field(min_length=1)
+    cameras: Annotated[tuple[CameraSpec, ...], Once] = Field(min_length=1)
     lidar: LidarSpec
     vehicle: VehicleSpec = VehicleSpec()
-
-    @model_validator(mode="after")
-    def _cameras_once(self) -> ScenarioHead:
-        refuse_twice([camera.name for camera in self.cameras], "cameras")
-        return self
 
     def cameras_of(self, spec: RecordingSpec) -> tuple[CameraSpec, ...]:
         """Cameras that record a recording, in the scenario's order."""
@@ -655,12 +652,7 @@ class Scenario(ScenarioHead):
         recordings: in any order.
     """
 
-    recordings: tuple[RecordingSpec, ...] = Field(min_length=1)
-
-    @model_validator(mode="after")
-    def _recordings_once(self) -> Scenario:
-        refuse_twice([recording.name for recording in self.recordings], "recordings")
-        return self
+    recordings: Annotated[tuple[RecordingSpec, ...], Once] = Field(min_length=1)
 
 
 class ScenarioFile(ScenarioHead):
@@ -671,13 +663,11 @@ class ScenarioFile(ScenarioHead):
         series: each stands for many recordings.
     """
 
-    recordings: tuple[RecordingSpec, ...] = ()
-    series: tuple[SeriesSpec, ...] = ()
+    recordings: Annotated[tuple[RecordingSpec, ...], Once] = ()
+    series: Annotated[tuple[SeriesSpec, ...], Once] = ()
 
     @model_validator(mode="after")
-    def _something_once(self) -> ScenarioFile:
+    def _something(self) -> ScenarioFile:
         if not self.recordings and not self.series:
             raise ValueError("at least one recording, under recordings or series")
-        refuse_twice([recording.name for recording in self.recordings], "recordings")
-        refuse_twice([series.name for series in self.series], "series")
         return self

@@ -87,6 +87,10 @@ def test_files_of_the_other_writer_of_mcap(tmp_path, compression, chunked):
         writer.add_attachment(0, 0, "calibration", "application/octet-stream", bytes(5000))
         writer.add_metadata("rosbag2", {"ROS_DISTRO": "jazzy"})
         writer.finish()
+    if not chunked:
+        with pytest.raises(DataError, match=r"0 messages in chunks with an index, .*: mcap recover drive\.mcap"):
+            opened(root)
+        return
     recording = opened(root)
     for i, ref in enumerate(recording.images["front"]):
         assert np.array_equal(read_image(ref, recording.cameras["front"]), tiny.pixels(i))

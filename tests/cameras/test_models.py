@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from bench.adapters.woodscape import Intrinsic
 from bench.cameras import (
     BrownConradyCamera,
     DoubleSphereCamera,
@@ -118,8 +119,8 @@ def test_brown_conrady_ends_where_the_distortion_folds_first_in_any_direction(ra
 
 def test_radial_polynomial_by_hand_with_pixel_centres_and_aspect():
     intrinsic = {"cx_offset": 3.0, "cy_offset": -2.0, "width": 1280.0, "height": 966.0, "aspect_ratio": 1.5}
-    intrinsic |= {"poly_order": 4, "k1": 300.0, "k2": -20.0, "k3": 10.0, "k4": 1.0}
-    camera = RadialPolynomialCamera.from_woodscape(intrinsic)
+    intrinsic |= {"model": "radial_poly", "poly_order": 4, "k1": 300.0, "k2": -20.0, "k3": 10.0, "k4": 1.0}
+    camera = Intrinsic(**intrinsic).lens(None)
     assert camera.principal_point == (3.0 + 640 - 0.5, -2.0 + 483 - 0.5)
     r = 300 * 1.0 - 20 * 1.0 + 10 + 1  # theta = 1 rad
     ray = [np.sin(1.0) * 0.6, np.sin(1.0) * 0.8, np.cos(1.0)]

@@ -57,7 +57,7 @@ IMAGES = {  # content and what is told
     "another size": (png(640, 480, rows=bytes(641 * 480)), "image size: expected 64 x 48 px"),
     "JPEG cut short": (jpeg(64, 48)[:-30], "a JPEG cut short"),
     "JPEG of 65000 x 65000 px": (jpeg_of_another_size(jpeg(64, 48), 65_000, 65_000), "at most 67108864 px"),
-    "JPEG of nothing but its ends": (b"\xff\xd8\xff\xd9", "one whose header is damaged"),
+    "JPEG of nothing but its ends": (b"\xff\xd8\xff\xd9", "a damaged JPEG"),
 }
 
 

@@ -50,7 +50,7 @@ def test_golden_answers(point, motion, p, p_current, expected):
     np.testing.assert_allclose(previous[0], p, atol=1e-9)
     np.testing.assert_allclose(current[0], p_current, atol=1e-9)
     found = measured(views, point, motion)
-    likelihood = motion_likelihood(found, ConstraintWeights())
+    likelihood, _ = motion_likelihood(found, ConstraintWeights())
     np.testing.assert_allclose([*all_of(found)[:, 0], likelihood[0]], expected, atol=1e-6)
     assert found.defined.all()
 
@@ -159,10 +159,11 @@ def test_full_cheirality_sees_rays_that_pass_the_focus_of_contraction():
 def test_likelihood_is_the_weighted_mean_with_a_divisor_that_never_changes():
     found = measured(TwoViews(), [(3, 3, 0.5), (5, -2.5, 0.05)], (0.6, 0.2, 0))
     e, d, h, p = all_of(found)
-    np.testing.assert_allclose(motion_likelihood(found, ConstraintWeights()), (e + d + 0.2 * h + 0.2 * p) / 2.4)
-    rooted = motion_likelihood(found, ConstraintWeights(), root_sum=True)
+    plain, _ = motion_likelihood(found, ConstraintWeights())
+    np.testing.assert_allclose(plain, (e + d + 0.2 * h + 0.2 * p) / 2.4)
+    rooted, _ = motion_likelihood(found, ConstraintWeights(), root_sum=True)
     np.testing.assert_allclose(rooted, (np.hypot(e, d) + 0.2 * h + 0.2 * p) / 2.4)
-    three = motion_likelihood(found, ConstraintWeights(three_view=1.0), three_view=np.array([0.1, np.nan]))
+    three, _ = motion_likelihood(found, ConstraintWeights(three_view=1.0), three_view=np.array([0.1, np.nan]))
     np.testing.assert_allclose(three, (e + d + 0.2 * h + 0.2 * p + [0.1, 0]) / 3.4)
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from bench.adapters.kitti360 import Kitti360Options, read_rig
+from bench.adapters.woodscape import Intrinsic
 from bench.cameras import (
     BrownConradyCamera,
     CameraModel,
@@ -71,7 +72,7 @@ LENSES: dict[str, CameraModel] = {
 
 def real_woodscape() -> list[RadialPolynomialCamera]:
     files = sorted((REAL / "woodscape" / "calibration").glob("*.json"))
-    return [RadialPolynomialCamera.from_woodscape(json.loads(f.read_text())["intrinsic"]) for f in files]
+    return [Intrinsic(**json.loads(f.read_text())["intrinsic"]).lens(None) for f in files]
 
 
 def real_kannala_brandt() -> Iterator[tuple[KannalaBrandtCamera, np.ndarray, np.ndarray]]:

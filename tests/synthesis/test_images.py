@@ -102,7 +102,7 @@ def image(renderer, body, way_m):
         return Moment(placed=[placed], world_from_vehicle=RigidTransform.from_yaw(0.1 * m, [m, 0.0, 0.0]))
 
     middle = at(way_m)
-    return renderer.render(middle, shutter=(middle, at(way_m + 0.05)), rng=np.random.default_rng(3))
+    return renderer.render(middle, closes=at(way_m + 0.05), rng=np.random.default_rng(3))
 
 
 @pytest.mark.parametrize("kind", ["sunny", "overcast", "night"])
@@ -167,7 +167,7 @@ def test_stripe_is_smeared_by_its_way_in_the_image():
         return Moment(placed=[PlacedMesh(mesh=stripe, instance_id=3)], world_from_vehicle=RigidTransform.identity())
 
     still = renderer.render(at(0.0), rng=np.random.default_rng(0))
-    moved = renderer.render(at(0.0), shutter=(at(-0.4), at(0.4)), rng=np.random.default_rng(0))
+    moved = renderer.render(at(0.0), closes=at(0.4), rng=np.random.default_rng(0))
     assert np.array_equal(still.instance_ids, moved.instance_ids)
     middle = moved.pixels[60].astype(float)
     inside = moved.instance_ids[60] == 3
@@ -183,9 +183,9 @@ def test_ego_vehicle_that_turns_leaves_its_own_body_sharp():
     rough = Surface(albedo=0.5, contrast=0.4, texel_m=0.02)
     own_body = box([2, 4, 0.2], [0.3, 0, 0.3], rough)
     renderer = renderer_of(mounted(MODEL, LOW_AHEAD), world=road(rough), own_body=own_body)
-    moments = [Moment(placed=[], world_from_vehicle=RigidTransform.from_yaw(0, [x_m, 0, 0])) for x_m in (-0.8, 0, 0.8)]
-    still = renderer.render(moments[1], rng=np.random.default_rng(0))
-    moved = renderer.render(moments[1], shutter=(moments[0], moments[2]), rng=np.random.default_rng(0))
+    moments = [Moment(placed=[], world_from_vehicle=RigidTransform.from_yaw(0, [x_m, 0, 0])) for x_m in (0, 0.8)]
+    still = renderer.render(moments[0], rng=np.random.default_rng(0))
+    moved = renderer.render(moments[0], closes=moments[1], rng=np.random.default_rng(0))
     own = np.zeros((MODEL.height, MODEL.width), dtype=bool)
     own[100:, 60:100] = True
     ground = np.zeros_like(own)

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.adapters.rosbag.bag import Bag, BagMessage, TimedRows, bag_messages, bags_below, open_bag
+from bench.adapters.rosbag.bag import BagMessage, TimedRows, bag_files, bag_messages, bags_below
 from bench.adapters.rosbag.messages import (
     COMPRESSED_IMAGE,
     IMAGE,
@@ -104,17 +104,17 @@ def open_rosbag(
         annotations: its annotation file; None where it is not annotated.
 
     Raises:
-        DataError: the bag or the rig file cannot be read, or a sensor has no messages that can be used; files or
-            messages that the bag lacks or that cannot be used, unless the card accepts that.
+        DataError: the bag or the rig file cannot be read, or a sensor has no messages that can be used; messages that
+            cannot be used, unless the card accepts that.
     """
-    bag = open_bag(linked_folder(root, path, levels=options.follow_links), path)
+    files = bag_files(linked_folder(root, path, levels=options.follow_links), path)
     rig, rig_file = read_rig(root, options.rig, recording=name, card=card)
-    opening = _Opening(bag, rig, rig_file, options)
+    opening = _Opening(path, files, rig, rig_file, options)
     images = {camera: tuple(opening.images(camera, entry)) for camera, entry in rig.cameras.items()}
     recording = Recording(
         name=name,
         root=root,
-        frame_interval_ns=median_interval_ns(images, file=bag.path),
+        frame_interval_ns=median_interval_ns(images, file=path),
         cameras={camera: opening.camera(camera, entry) for camera, entry in rig.cameras.items()},
         images=images,
         trajectory=opening.trajectory(),
@@ -141,12 +141,12 @@ class _Opening:
     """A bag that was walked through: where the messages of the sensors are, and what the others say.
 
     Attributes:
-        losses: what the bag lacks, which the card may accept.
+        losses: messages that cannot be used, which the card may accept.
     """
 
-    def __init__(self, bag: Bag, rig: Rig, rig_file: Path, options: RosbagOptions) -> None:
-        self._bag, self._rig, self._rig_file, self._options = bag, rig, rig_file, options
-        self.losses = [*bag.losses]
+    def __init__(self, path: Path, files: tuple[Path, ...], rig: Rig, rig_file: Path, options: RosbagOptions) -> None:
+        self._path, self._files, self._rig, self._rig_file, self._options = path, files, rig, rig_file, options
+        self.losses: list[DataError] = []
         self._frames = _StaticFrames()
         self._counts: Counter[str] = Counter()
         self._rows = {topic: TimedRows() for topic in rig.sensor_topics}
@@ -156,7 +156,7 @@ class _Opening:
         }
         self._motion_topics = {signal.topic for signal, _ in self._signals.values()}
         read = self._motion_topics | {STATIC_FRAMES}
-        for message in bag_messages(bag, listed=self._rows, read=read, counts=self._counts):
+        for message in bag_messages(files, listed=self._rows, read=read, counts=self._counts):
             name, position = message.topic.name, message.position
             if name == STATIC_FRAMES:
                 self._frames.take(message)
@@ -168,10 +168,6 @@ class _Opening:
             if name in self._rows:
                 numbers = (message.file_number, position.chunk, position.offset, position.size)
                 self._rows[name].add(message, numbers)
-        for name, stated in bag.counts.items():
-            if self._counts[name] < stated:
-                expected, got = f"{stated} messages, as metadata.yaml says", str(self._counts[name])
-                self.losses.append(DataError(bag.path, field=name[:80], expected=expected, got=got))
 
     def contents(self) -> Iterator[Content]:
         """The topics of the bag, read and not read, and what is lost of them."""
@@ -217,7 +213,7 @@ class _Opening:
         self, sensor: CameraRig | LidarRig, field: str, *types: str
     ) -> Iterator[tuple[int, Path, Position, Topic]]:
         """Time, file, position and topic of a sensor's messages whose times can be used."""
-        rows, path = self._rows[sensor.topic], self._bag.path
+        rows, path = self._rows[sensor.topic], self._path
         if rows.topic is None:
             got = f"none in {path.name}, which has {', '.join(sorted(self._counts)[:20]) or 'none'}"
             raise DataError(self._rig_file, field=f"{field}.topic", expected=f"messages on {sensor.topic}", got=got)
@@ -227,7 +223,7 @@ class _Opening:
         if not len(times_ns):
             raise DataError(path, field=sensor.topic, expected="messages whose times can be used", got="none")
         for time_ns, (number, *position) in zip(times_ns.tolist(), positions.tolist(), strict=True):
-            yield time_ns + sensor.time_offset_ns, self._bag.files[number], Position(*position), topic
+            yield time_ns + sensor.time_offset_ns, self._files[number], Position(*position), topic
 
     def vehicle_from(self, mounting: Mounting | None, frame: str | None, field: str) -> RigidTransform:
         """A mounting: the rig file's own, or that of a frame, or at the vehicle frame itself."""
@@ -238,11 +234,11 @@ class _Opening:
         return self._frames.vehicle_from(frame, vehicle=self._rig.vehicle.frame, file=self._rig_file, field=field)
 
     def _usable(self, rows: TimedRows) -> tuple[NDArray[np.int64], NDArray[Any]]:
-        return rows.usable(self._options.clock, file=self._bag.path, losses=self.losses)
+        return rows.usable(self._options.clock, file=self._path, losses=self.losses)
 
     def trajectory(self) -> Trajectory:
         """The path of the vehicle."""
-        file, motion, tables = self._bag.path, self._rig.ego_motion, {}
+        file, motion, tables = self._path, self._rig.ego_motion, {}
         for name, (signal, rows) in self._signals.items():
             if rows.topic is None:
                 raise DataError(file, field=signal.topic, expected="messages of the ego-motion", got="none")

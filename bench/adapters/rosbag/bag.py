@@ -1,17 +1,15 @@
 """A bag: the files that make it up, what its `metadata.yaml` says, and where its messages are.
 
-A bag of ROS 2 is a folder with `metadata.yaml` and one or more files of messages. One file alone is read too, and a
-folder whose recorder died before it wrote the metadata.
+A bag of ROS 2 is a folder with `metadata.yaml` and one or more files of messages. One file alone is read too.
 """
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +20,6 @@ from bench.adapters.rosbag.messages import (
     SUFFIXES,
     Position,
     Topic,
-    full_name,
     has_header,
     header_stamp_ns,
     stored_messages,
@@ -43,40 +40,13 @@ LONGEST_JUMP_S = 10.0  # a delay from stamp to recording that differs by more is
 Clock = Literal["header", "bag"]
 
 
-class _TopicName(ForeignModel):
-    name: str
-
-
-class _TopicCount(ForeignModel):
-    topic_metadata: _TopicName
-    message_count: Annotated[int, Field(ge=0)]
-
-
 class _Information(ForeignModel):
-    relative_file_paths: tuple[str, ...]
-    topics_with_message_count: tuple[_TopicCount, ...] = ()
+    relative_file_paths: tuple[str, ...] = Field(min_length=1)
     compression_mode: str | None = None
 
 
 class _Metadata(ForeignModel):
     rosbag2_bagfile_information: _Information
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bag:
-    """The files of a bag.
-
-    Attributes:
-        path: the folder, or the one file.
-        files: of messages, in the order in which they were recorded.
-        counts: messages of each topic, as the metadata says.
-        losses: files that are missing.
-    """
-
-    path: Path
-    files: tuple[Path, ...]
-    counts: Mapping[str, int] = field(default_factory=dict)
-    losses: tuple[DataError, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,46 +157,41 @@ def bags_below(root: Path) -> tuple[Path, ...]:
     return tuple(path for path in sorted(root.glob("[!.]*")) if _is_bag(path))
 
 
-def open_bag(root: Path, path: Path) -> Bag:
-    """The files of a bag.
+def bag_files(root: Path, path: Path) -> tuple[Path, ...]:
+    """The files of messages that make up a bag, in the order in which they were recorded.
 
     Args:
         root: folder of the data set, which no file may leave.
         path: a file or folder in it, or the root itself.
 
     Raises:
-        DataError: metadata that cannot be used or that names files elsewhere, or no file that can be read.
+        DataError: metadata that is missing, cannot be used or names files that are missing or elsewhere.
     """
     refuse_escape(root, path, file=path)
     if path.suffix == ROS1_SUFFIX:
         hint = f"convert it: rosbags-convert --src {path.name} --dst {path.stem}"
         raise DataError(path, expected="a bag of ROS 2", got="one of ROS 1", hint=hint)
     if path.is_file():
-        return Bag(path=path, files=(path,))
+        return (path,)
     file = path / METADATA
     refuse_escape(root, file, file=file)
-    if file.is_file():
-        content = parse_yaml(read_text(file, largest_bytes=LARGEST_METADATA_BYTES), file=file)
-        bag = _described_bag(path, validated(_Metadata, content, file=file).rosbag2_bagfile_information)
-    else:
-        got = "no such file; its counts cannot be compared (ros2 bag reindex writes it again)"
-        missing = DataError(file, expected="the metadata that a recorder writes last", got=got)
-        files = sorted((entry for entry in path.iterdir() if entry.suffix in SUFFIXES), key=_recording_order)
-        bag = Bag(path=path, files=tuple(files), losses=(missing,))
-    if not bag.files:
-        raise DataError(path, expected=f"files of messages, {' or '.join(SUFFIXES)}", got="none")
-    for entry in bag.files:
+    if not file.is_file():
+        expected, hint = "the metadata that a recorder writes last", f"write it again: ros2 bag reindex {path.name}"
+        raise DataError(file, expected=expected, got="no such file", hint=hint)
+    content = parse_yaml(read_text(file, largest_bytes=LARGEST_METADATA_BYTES), file=file)
+    files = _described_files(path, validated(_Metadata, content, file=file).rosbag2_bagfile_information)
+    for entry in files:
         refuse_escape(root, entry, file=entry)
-    return bag
+    return files
 
 
 def bag_messages(
-    bag: Bag, *, listed: Collection[str], read: Collection[str], counts: Counter[str]
+    files: Sequence[Path], *, listed: Collection[str], read: Collection[str], counts: Counter[str]
 ) -> Iterator[BagMessage]:
     """Walk through a bag once, without decoding an image or a point cloud.
 
     Args:
-        bag: its files.
+        files: of the bag.
         listed: topics of which the start of each message is read.
         read: topics whose messages are read whole.
         counts: takes the number of messages of every topic, these and others.
@@ -238,7 +203,7 @@ def bag_messages(
         DataError: a file that cannot be read, or messages of an unknown type.
     """
     start_bytes = dict.fromkeys(listed, HEADER_BYTES) | dict.fromkeys(read, LARGEST_READ_BYTES)
-    for number, file in enumerate(bag.files):
+    for number, file in enumerate(files):
         for topic, log_ns, position, start in stored_messages(file, start_bytes):
             counts[topic.name] += 1
             if topic.name in start_bytes:
@@ -246,15 +211,14 @@ def bag_messages(
                 yield BagMessage(topic, log_ns, stamp_ns, number, file, position, start)
 
 
-def _described_bag(path: Path, information: _Information) -> Bag:
-    """A bag as its metadata describes it."""
+def _described_files(path: Path, information: _Information) -> tuple[Path, ...]:
+    """The files of a bag as its metadata describes it."""
     file, key = path / METADATA, "rosbag2_bagfile_information"
     mode = (information.compression_mode or "").lower()
     if mode not in ("", "none", "file", "storage"):
         hint = "write it again without: ros2 bag convert"
         raise DataError(file, field=f"{key}.compression_mode", expected="none", got=repr(mode[:20]), hint=hint)
     files: list[Path] = []
-    losses: list[DataError] = []
     for number, relative in enumerate(information.relative_file_paths):
         where = f"{key}.relative_file_paths.{number}"
         entry = path_inside(path, relative, file=file, field=where)
@@ -264,14 +228,11 @@ def _described_bag(path: Path, information: _Information) -> Bag:
             expected, got = f"another file {' or '.join(SUFFIXES)}", repr(relative[:80])
             hint = f"unpack it: unzstd {path.name}/*.zstd, then ros2 bag reindex" if entry.suffix == ".zstd" else ""
             raise DataError(file, field=where, expected=expected, got=got, hint=hint)
-        if entry.is_file():
-            files.append(entry)
-        else:
-            losses.append(DataError(entry, expected=f"a file of messages, as {METADATA} says", got="no such file"))
-    counts: Counter[str] = Counter()
-    for topic in information.topics_with_message_count:
-        counts[full_name(topic.topic_metadata.name)] += topic.message_count
-    return Bag(path=path, files=tuple(files), counts=counts, losses=tuple(losses))
+        if not entry.is_file():
+            expected, hint = f"a file of messages, as {METADATA} says", "fetch it; without it, ros2 bag reindex"
+            raise DataError(entry, expected=expected, got="no such file", hint=hint)
+        files.append(entry)
+    return tuple(files)
 
 
 def _is_bag(path: Path) -> bool:
@@ -279,8 +240,3 @@ def _is_bag(path: Path) -> bool:
         return path.suffix in (*SUFFIXES, ROS1_SUFFIX)
     names = [entry.name for entry in path.iterdir()] if path.is_dir() else []
     return any(name == METADATA or name.endswith(SUFFIXES) for name in names)
-
-
-def _recording_order(path: Path) -> list[tuple[int, str]]:
-    """Sorts drive_2 before drive_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", path.name)]

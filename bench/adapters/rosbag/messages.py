@@ -15,18 +15,18 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from io import SEEK_END, BytesIO
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from urllib.parse import quote
-from zlib import crc32
 
 import lz4.frame
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Schema, Statistics
-from mcap.stream_reader import read_magic
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import breakup_chunk
 
 from bench.errors import DataError
 from bench.times import SECOND_NS
@@ -52,7 +52,6 @@ TYPE_NAME = re.compile(r"[A-Za-z]\w{0,99}(/[A-Za-z]\w{0,99}){1,2}", re.ASCII)
 SUFFIXES = (".mcap", ".db3")
 LARGEST_MESSAGE_BYTES = LARGEST_RECORD_BYTES = 1 << 28  # an image of 8192 x 8192 px in four channels
 LARGEST_DEFINITIONS_BYTES = 1 << 25  # of all topics and message types
-MESSAGE_HEAD_BYTES = 22  # channel, sequence, two times
 LATEST_LOG_NS = 2**63
 NO_CHUNK = -1
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, bytes of the content
@@ -201,8 +200,8 @@ class Position:
     """Position of a message in its file.
 
     Attributes:
-        chunk: byte at which its chunk begins; `NO_CHUNK` where it is in none.
-        offset: of the message's bytes in the decompressed chunk or in the file; in a database the number of its row.
+        chunk: byte at which its chunk begins; `NO_CHUNK` in a database.
+        offset: number of its record in the chunk; in a database the number of its row.
         size: bytes of the message, as stored.
     """
 
@@ -290,98 +289,50 @@ def _repairable(file: Path, expected: str) -> Iterator[None]:
 
 
 def _mcap_messages(file: Path, start_bytes: Mapping[str, int]) -> Iterator[tuple[Topic, int, Position, bytes]]:
-    known = _Definitions()
-    messages, stated, opcode = 0, None, 0
+    types: dict[int, tuple[str, str]] = {}  # name and definition by schema
+    topics: dict[int, Topic] = {}  # by channel
+    messages = 0
     with file.open("rb") as stream:
-        read_magic(ReadDataStream(stream))
-        for source, chunk, opcode, size in _records(stream):
-            if opcode == Opcode.MESSAGE:
-                message = Message.read(ReadDataStream(source), MESSAGE_HEAD_BYTES)
-                topic = known.topics.get(message.channel_id)
-                position = Position(chunk, source.tell(), size - MESSAGE_HEAD_BYTES)
-                if topic is None or message.log_time >= LATEST_LOG_NS or position.size < 0:
-                    raise McapError(f"{size} bytes on channel {message.channel_id} at {message.log_time} ns")
-                messages += 1
-                yield topic, message.log_time, position, source.read(min(position.size, start_bytes.get(topic.name, 0)))
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                known.add(opcode, source.read(size))
-            elif opcode == Opcode.STATISTICS:
-                stated = Statistics.read(ReadDataStream(BytesIO(source.read(size)))).message_count
-        if opcode != Opcode.FOOTER:
-            raise McapError("no footer, which a recorder writes last")
-        read_magic(ReadDataStream(stream))
-    if stated is not None and messages != stated:
-        raise McapError(f"{messages} messages, where its statistics say {stated}")
+        summary = SeekingReader(stream, record_size_limit=LARGEST_RECORD_BYTES).get_summary()
+        if summary is None:
+            raise McapError("no summary with an index, which a recorder writes last")
+        for chunk in sorted(index.chunk_start_offset for index in summary.chunk_indexes):
+            for number, record in enumerate(_chunk_records(stream, chunk)):
+                if isinstance(record, Schema):
+                    # Definitions in other languages than ROS's may be binary and are not read.
+                    text = record.data.decode(errors="replace") if record.encoding == "ros2msg" else ""
+                    types[record.id] = record.name, text
+                elif isinstance(record, Channel):
+                    name, text = types.get(record.schema_id, ("", ""))
+                    topic = Topic(full_name(record.topic), name, record.message_encoding, text)
+                    if topics.setdefault(record.id, topic) != topic:
+                        raise McapError(f"two topics on channel {record.id}")
+                elif isinstance(record, Message):
+                    if record.channel_id not in topics or record.log_time >= LATEST_LOG_NS:
+                        raise McapError(f"a message on channel {record.channel_id} at {record.log_time} ns")
+                    messages, topic = messages + 1, topics[record.channel_id]
+                    start = record.data[: start_bytes.get(topic.name, 0)]
+                    yield topic, record.log_time, Position(chunk, number, len(record.data)), start
+    if summary.statistics is not None and messages != summary.statistics.message_count:
+        stated = summary.statistics.message_count
+        raise McapError(f"{messages} messages in chunks with an index, where its statistics say {stated}")
 
 
-class _Definitions:
-    """Topics of an MCAP file by channel, and names and definitions of their types by schema; recorders repeat them."""
-
-    def __init__(self) -> None:
-        self.topics: dict[int, Topic] = {}
-        self._types: dict[int, tuple[str, str]] = {}
-        self._bytes = 0
-
-    def add(self, opcode: int, content: bytes) -> None:
-        stream, before = ReadDataStream(BytesIO(content)), len(self._types) + len(self.topics)
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            # Definitions in other languages than ROS's may be binary and are not read.
-            text = schema.data.decode(errors="replace") if schema.encoding == "ros2msg" else ""
-            self._types.setdefault(schema.id, (schema.name, text))
-        else:
-            channel = Channel.read(stream)
-            name, text = self._types.get(channel.schema_id, ("", ""))
-            topic = Topic(full_name(channel.topic), name, channel.message_encoding, text)
-            if self.topics.setdefault(channel.id, topic) != topic:
-                raise McapError(f"two topics on channel {channel.id}")
-        if len(self._types) + len(self.topics) > before:
-            self._bytes += len(content)
-        if self._bytes > LARGEST_DEFINITIONS_BYTES:
-            raise McapError(f"topics and definitions of more than {LARGEST_DEFINITIONS_BYTES} bytes")
-
-
-def _records(stream: BinaryIO, chunk: int = NO_CHUNK) -> Iterator[tuple[BinaryIO, int, int, int]]:
-    """Records from where the stream stands to the footer or the end, those in chunks too.
-
-    Yields:
-        The stream at the record's content, the chunk's position, the opcode, and the bytes of the content.
-    """
-    position, opcode = stream.tell(), 0
-    end = stream.seek(0, SEEK_END)
-    while position < end and opcode != Opcode.FOOTER:
-        opcode, size = _record_head(stream, position, end)
-        if opcode == Opcode.CHUNK:
-            if chunk != NO_CHUNK:
-                raise McapError("a chunk inside a chunk")
-            yield from _records(BytesIO(_chunk_data(stream.read(size))), position)
-        else:
-            yield stream, chunk, opcode, size
-        position = stream.seek(position + RECORD_HEAD.size + size)
-
-
-def _record_head(stream: BinaryIO, position: int, end: int) -> tuple[int, int]:
-    """Opcode and size of a record, which ends at `end` at the latest; the stream then stands at its content."""
+def _chunk_records(stream: BinaryIO, position: int) -> list[McapRecord]:
+    """The records of a chunk, decompressed."""
     stream.seek(position)
     opcode, size = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
-    most = end - stream.tell()
-    if opcode != Opcode.ATTACHMENT:  # which is skipped
-        most = min(most, LARGEST_RECORD_BYTES)
-    if opcode == 0 or size > most:
-        raise McapError(f"a record of kind {opcode} with {size} bytes at byte {position}, where {most} are the most")
-    return opcode, size
-
-
-def _chunk_data(content: bytes) -> bytes:
-    """The records of a chunk, decompressed."""
-    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    if opcode != Opcode.CHUNK or size > LARGEST_RECORD_BYTES:
+        raise McapError(f"a record of kind {opcode} with {size} bytes at byte {position}, where its index has a chunk")
+    chunk = Chunk.read(ReadDataStream(BytesIO(stream.read(size))))
     if chunk.uncompressed_size > LARGEST_RECORD_BYTES:
         raise McapError(f"a chunk of {chunk.uncompressed_size} bytes, where {LARGEST_RECORD_BYTES} are the most")
-    data = _decompressed(chunk.data, chunk.compression, chunk.uncompressed_size) if chunk.compression else chunk.data
-    if len(data) != chunk.uncompressed_size or (chunk.uncompressed_crc and crc32(data) != chunk.uncompressed_crc):
-        expected = f"{chunk.uncompressed_size} with the checksum {chunk.uncompressed_crc:08x}"
-        raise McapError(f"a chunk of {len(data)} bytes with the checksum {crc32(data):08x}, where it states {expected}")
-    return data
+    if chunk.compression:
+        chunk.data = _decompressed(chunk.data, chunk.compression, chunk.uncompressed_size)
+        chunk.compression = ""
+    if len(chunk.data) != chunk.uncompressed_size:
+        raise McapError(f"a chunk of {len(chunk.data)} bytes, where it states {chunk.uncompressed_size}")
+    return breakup_chunk(chunk, validate_crc=True)
 
 
 def _decompressed(data: bytes, compression: str, most_bytes: int) -> bytes:
@@ -396,21 +347,19 @@ def _decompressed(data: bytes, compression: str, most_bytes: int) -> bytes:
 
 
 def _mcap_message(file: Path, position: Position) -> bytes:
-    if position.chunk != NO_CHUNK:
-        state = file.stat()
-        chunk = _cached_chunk(file, (state.st_size, state.st_mtime_ns), position.chunk)
-        return chunk[position.offset : position.offset + position.size]
-    with file.open("rb") as stream:
-        stream.seek(position.offset)
-        return stream.read(position.size)
+    state = file.stat()
+    records = _cached_chunk(file, (state.st_size, state.st_mtime_ns), position.chunk)
+    record = records[position.offset] if position.offset < len(records) else None
+    if not isinstance(record, Message):
+        raise McapError("another record; did the file change?")
+    return record.data
 
 
 @lru_cache(maxsize=2)  # the next image is in the same chunk or the next one, and sweeps are read between
-def _cached_chunk(file: Path, state: tuple[int, int], position: int) -> bytes:
+def _cached_chunk(file: Path, _: tuple[int, int], position: int) -> list[McapRecord]:
     """A chunk of a file of this size and time of change."""
     with file.open("rb") as stream:
-        _, size = _record_head(stream, position, state[0])
-        return _chunk_data(stream.read(size))
+        return _chunk_records(stream, position)
 
 
 # SQLite

@@ -28,7 +28,7 @@ class RosbagOptions(FileModel):
     Attributes:
         rig: the rig file, relative to the data set's root; `{recording}` stands for the recording's name.
         clock: "header", the time that a message carries, or "bag", the time at which it was recorded.
-        accept_losses: open a bag that lacks files or messages, or whose times do not increase, and use the rest.
+        accept_losses: leave out messages whose times or numbers cannot be used, and use the rest.
         evaluated_size_px: (width, height) at which images are evaluated, of all cameras or by camera; null for as
             stored.
         follow_links: how many levels below `root` links to folders are followed; 1 for bags in `root` itself.

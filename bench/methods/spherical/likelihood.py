@@ -14,8 +14,8 @@ from bench.errors import UsageError
 from bench.geometry import Bools, Floats, RigidTransform, RoadPlane
 from bench.methods.settings import Positive, set_groups
 from bench.methods.spherical.constraints import PAPER, Deviations, Variants, deviations, static_camera_deviation
-from bench.methods.two_views import rotated_halfway
-from bench.records.segmentation import PAPER_THRESHOLD
+from bench.methods.two_views import flow_parts, rotated_halfway
+from bench.records.segmentation import PAPER_THRESHOLD, Segmentation
 
 CONSTRAINTS = ("epipolar", "positive_depth", "positive_height", "anti_parallel")
 THREE_VIEW = "three_view"
@@ -64,7 +64,7 @@ def motion_likelihood(
     *,
     three_view: Floats | None = None,
     root_sum: bool = False,
-) -> Floats:
+) -> tuple[Floats, NDArray[np.uint8]]:
     """Weighted mean of the deviations.
 
     Args:
@@ -75,29 +75,20 @@ def motion_likelihood(
             displacement; off in the paper.
 
     Returns:
-        Motion likelihood xi, same shape, float64, 0 where not defined.
+        likelihood: xi, same shape, float64, 0 where not defined.
+        cause: index into `CONSTRAINTS`, then `three_view`, of the largest weighted deviation; the first of equals.
 
     Source:
         Mariotti and Eising, section III-H.
     """
-    epipolar, depth, *others = _contributions(deviations, weights, three_view)
+    contributions = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
+    if three_view is not None:
+        contributions.append(weights.three_view * np.nan_to_num(three_view))
+    epipolar, depth, *others = contributions
     likelihood = np.hypot(epipolar, depth) if root_sum else epipolar + depth
     for contribution in others:
         likelihood += contribution
-    return np.asarray(likelihood / weights.total)
-
-
-def largest_contribution(
-    deviations: Deviations, weights: ConstraintWeights, *, three_view: Floats | None = None
-) -> NDArray[np.uint8]:
-    """Index into `CONSTRAINTS`, then `three_view`, of the largest weighted deviation; the first of equals."""
-    contributions = _contributions(deviations, weights, three_view)
-    return np.asarray(np.argmax(contributions, axis=0), dtype=np.uint8)
-
-
-def _contributions(deviations: Deviations, weights: ConstraintWeights, three_view: Floats | None) -> list[Floats]:
-    contributions = [getattr(weights, name) * getattr(deviations, name) for name in CONSTRAINTS]
-    return contributions if three_view is None else [*contributions, weights.three_view * np.nan_to_num(three_view)]
+    return likelihood / weights.total, np.argmax(contributions, axis=0).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -213,14 +204,32 @@ class SphericalSettings:
             variants=self.variants,
         )
         by_name = {name: getattr(measured, name) for name in CONSTRAINTS}
+        likelihood, cause = motion_likelihood(measured, self.weights, three_view=three_view, root_sum=self.root_sum)
         return LikelihoodMap(
-            likelihood=motion_likelihood(measured, self.weights, three_view=three_view, root_sum=self.root_sum),
-            cause=largest_contribution(measured, self.weights, three_view=three_view),
+            likelihood=likelihood,
+            cause=cause,
             seen=seen,
             defined=measured.defined,
             deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
         )
 
-    def threshold_of(self, likelihoods: LikelihoodMap) -> float:
-        """The likelihood above which a cell moves."""
-        return self.static_threshold if likelihoods.stationary else self.threshold
+    def segmentation(self, likelihoods: LikelihoodMap, flow: NDArray[np.float32]) -> Segmentation:
+        """Apply the threshold.
+
+        Args:
+            likelihoods: of the cells of an image, (rows, columns).
+            flow: (rows, columns, 2) float32, px, from the current to the previous image; to look at.
+        """
+        deviations = {name: deviation.astype(np.float32) for name, deviation in likelihoods.deviations.items()}
+        threshold = self.static_threshold if likelihoods.stationary else self.threshold
+        causes = CONSTRAINTS if THREE_VIEW not in deviations else (*CONSTRAINTS, THREE_VIEW)
+        return Segmentation(
+            cell_size_px=self.cell_size_px,
+            mask=(likelihoods.likelihood > threshold) & likelihoods.seen,
+            likelihood=np.where(likelihoods.seen, likelihoods.likelihood, 0.0).astype(np.float32),
+            undefined=~(likelihoods.defined & likelihoods.seen),
+            causes=(STATIC_CAUSE,) if likelihoods.stationary else causes,
+            cause=likelihoods.cause,
+            parts=flow_parts(flow) | deviations,
+            threshold=threshold,
+        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,15 +16,13 @@ from bench.methods.rigid_scene.scene import RigidScene, guided_flow
 from bench.methods.settings import Positive
 from bench.methods.spherical.likelihood import (
     ALONE,
-    CONSTRAINTS,
     PAPER_ANGLE_RAD,
     PAPER_WEIGHTS,
-    STATIC_CAUSE,
     ConstraintWeights,
     LikelihoodMap,
     SphericalSettings,
 )
-from bench.methods.two_views import cell_flow, extra_motion, flow_parts, flow_rays
+from bench.methods.two_views import cell_flow, extra_motion, flow_rays
 from bench.records.segmentation import Segmentation
 
 FLOW_SIGMA_PX = 0.3  # accuracy of Farnebäck's flow on a cell, for the refined motion
@@ -61,14 +58,11 @@ class SphericalMethod(SphericalSettings, FlowMethod):
 
     def segment(self, frame: MethodInput) -> Segmentation:
         """Segment the last image of the pair; see `bench.methods.contract`."""
-        flow = self.mean_flow(frame)
-        likelihoods = self.likelihood_map(frame, flow)
-        deviations = {name: deviation.astype(np.float32) for name, deviation in likelihoods.deviations.items()}
-        return self.segmentation(likelihoods, flow_parts(flow) | deviations)
+        return self.segment_flow(frame, self.mean_flow(frame))
 
     def segment_flow(self, frame: MethodInput, flow: NDArray[np.float32]) -> Segmentation:
         """Segment the current image with the flow of others in place of its own."""
-        return self.segmentation(self.likelihood_map(frame, flow))
+        return self.segmentation(self.likelihood_map(frame, flow), flow)
 
     def flow_cell_px(self, width: int) -> int:  # noqa: ARG002 - the same for every image
         """Side of the cells on which it takes flow, px, for images of this width."""
@@ -123,26 +117,6 @@ class SphericalMethod(SphericalSettings, FlowMethod):
             current_from_previous=motion,
             road=road,
             extra_motion=extra_motion(frame, cells.pixels, cells.pixels + flow),
-        )
-
-    def segmentation(
-        self, likelihoods: LikelihoodMap, parts: Mapping[str, NDArray[np.float32]] | None = None
-    ) -> Segmentation:
-        """Apply the threshold.
-
-        Args:
-            likelihoods: from `likelihood_map`.
-            parts: of the segmentation, to look at.
-        """
-        return Segmentation(
-            cell_size_px=self.cell_size_px,
-            mask=(likelihoods.likelihood > self.threshold_of(likelihoods)) & likelihoods.seen,
-            likelihood=np.where(likelihoods.seen, likelihoods.likelihood, 0.0).astype(np.float32),
-            undefined=~(likelihoods.defined & likelihoods.seen),
-            causes=(STATIC_CAUSE,) if likelihoods.stationary else CONSTRAINTS,
-            cause=likelihoods.cause,
-            parts=dict(parts or {}),
-            threshold=self.threshold_of(likelihoods),
         )
 
 

@@ -20,17 +20,15 @@ from bench.methods.settings import Positive, set_groups
 from bench.methods.spherical.constraints import three_view_deviation
 from bench.methods.spherical.likelihood import (
     ALONE,
-    CONSTRAINTS,
     PAPER_ANGLE_RAD,
     PAPER_WEIGHTS,
-    STATIC_CAUSE,
     THREE_VIEW,
     ConstraintWeights,
     LikelihoodMap,
     SphericalSettings,
 )
 from bench.methods.spherical.method import SphericalMethod
-from bench.methods.two_views import extra_motion, flow_parts
+from bench.methods.two_views import extra_motion
 from bench.records.segmentation import Segmentation
 
 Value = TypeVar("Value", bound=np.generic)
@@ -96,19 +94,9 @@ class SparseSphericalMethod(SphericalSettings, Method):
             spread[near] = values[nearest[near]]
             return spread
 
-        deviations = {
-            name: on_cells(deviation.astype(np.float32)) for name, deviation in likelihoods.deviations.items()
-        }
-        return Segmentation(
-            cell_size_px=self.cell_size_px,
-            mask=on_cells(likelihoods.likelihood > self.threshold_of(likelihoods)),
-            likelihood=on_cells(likelihoods.likelihood.astype(np.float32)),
-            undefined=~on_cells(likelihoods.defined),
-            causes=(STATIC_CAUSE,) if likelihoods.stationary else (*CONSTRAINTS, THREE_VIEW),
-            cause=on_cells(likelihoods.cause),
-            parts=flow_parts(on_cells(flow)) | deviations,
-            threshold=self.threshold_of(likelihoods),
-        )
+        deviations = {name: on_cells(deviation) for name, deviation in likelihoods.deviations.items()}
+        of_cells = {name: on_cells(getattr(likelihoods, name)) for name in ("likelihood", "cause", "seen", "defined")}
+        return self.segmentation(replace(likelihoods, **of_cells, deviations=deviations), on_cells(flow))
 
     def _three_view(self, frame: MethodInput, rays: Floats) -> Floats:
         """xi_3v of each track; 0 where it is not defined."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -23,7 +24,7 @@ from bench.geometry import RigidTransform
 from bench.machine_code import compiled, inlined
 from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.faces import GLOW, SIZE, Faces, TextureAtlas, atlas_at, bilinear, quick_log2, share_below
-from bench.synthesis.imaging.visibility import find_visible, lens_of, untiled
+from bench.synthesis.imaging.visibility import Lens, find_visible, lens_of, untiled
 from bench.synthesis.scene import Lighting
 
 ZERO, HALF, ONE, TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
@@ -380,41 +381,39 @@ def street_lamps_m(world: Faces) -> NDArray[np.float64]:
     return np.array(lamps).reshape(-1, 3)
 
 
-class Headlights:
-    """The beams of the ego vehicle."""
+@cache
+def _beam_lens() -> Lens:
+    """The lens through which a headlight sees what it lights."""
+    camera = PinholeCamera(
+        width=BEAM_WIDTH,
+        height=BEAM_HEIGHT,
+        focal=(float(BEAM_FOCAL), float(BEAM_FOCAL)),
+        principal_point=((BEAM_WIDTH - 1) / 2, (BEAM_HEIGHT - 1) / 2),
+    )
+    return lens_of(camera)
 
-    def __init__(self) -> None:
-        camera = PinholeCamera(
-            width=BEAM_WIDTH,
-            height=BEAM_HEIGHT,
-            focal=(float(BEAM_FOCAL), float(BEAM_FOCAL)),
-            principal_point=((BEAM_WIDTH - 1) / 2, (BEAM_HEIGHT - 1) / 2),
-        )
-        self._lens = lens_of(camera)
 
-    def lamps(
-        self, corners_m: NDArray[np.float64], street_m: NDArray[np.float64], world_from_vehicle: RigidTransform
-    ) -> Lamps:
-        """Irradiance by the lamps.
+def lamps_of(
+    corners_m: NDArray[np.float64], street_m: NDArray[np.float64], world_from_vehicle: RigidTransform
+) -> Lamps:
+    """The street lamps nearby, and the headlights with what they meet.
 
-        Args:
-            corners_m: (T, 3, 3), m, world: everything but the ego vehicle.
-            street_m: see `street_lamps_m`.
-            world_from_vehicle: the ego vehicle.
-        """
-        rotation = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_CAMERA).T)
-        positions_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
-        views = [
-            find_visible(
-                corners_m, self._lens, camera_from_world=rotation, origin_m=position_m, reach_m=SHADOWS_REACH_M
-            )
-            for position_m in positions_m
-        ]
-        inverse_depth = np.stack([untiled(view.inverse_depth, (BEAM_HEIGHT, BEAM_WIDTH)) for view in views])
-        away_m = np.linalg.norm(street_m - world_from_vehicle.translation_m, axis=1)
-        order = np.argsort(away_m, kind="stable")[:LAMPS_NEAR]
-        near_m = street_m[order[away_m[order] < LAMP_REACH_M]]
-        return Lamps(
-            np.ascontiguousarray(near_m, dtype=np.float32), np.stack([rotation, rotation]).astype(np.float32),
-            positions_m.astype(np.float32), inverse_depth, len(positions_m),
-        )  # fmt: skip
+    Args:
+        corners_m: (T, 3, 3), m, world: everything but the ego vehicle.
+        street_m: see `street_lamps_m`.
+        world_from_vehicle: the ego vehicle.
+    """
+    rotation = np.ascontiguousarray((world_from_vehicle.rotation @ AHEAD_FROM_CAMERA).T)
+    positions_m = world_from_vehicle.apply(np.array(HEADLIGHTS_M))
+    views = [
+        find_visible(corners_m, _beam_lens(), camera_from_world=rotation, origin_m=position_m, reach_m=SHADOWS_REACH_M)
+        for position_m in positions_m
+    ]
+    inverse_depth = np.stack([untiled(view.inverse_depth, (BEAM_HEIGHT, BEAM_WIDTH)) for view in views])
+    away_m = np.linalg.norm(street_m - world_from_vehicle.translation_m, axis=1)
+    order = np.argsort(away_m, kind="stable")[:LAMPS_NEAR]
+    near_m = street_m[order[away_m[order] < LAMP_REACH_M]]
+    return Lamps(
+        np.ascontiguousarray(near_m, dtype=np.float32), np.stack([rotation, rotation]).astype(np.float32),
+        positions_m.astype(np.float32), inverse_depth, len(positions_m),
+    )  # fmt: skip

@@ -16,7 +16,7 @@ from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.ego import own_body
 from bench.synthesis.imaging.exposure import Sensor, Shutter, blur, find_motion_vectors, smooth_edges
 from bench.synthesis.imaging.faces import GLOW, Faces, FacesOfBodies, TextureAtlas, faces_of, texture_atlas
-from bench.synthesis.imaging.lights import NO_LAMPS, Headlights, Shadows, Sky, lamp_faces, street_lamps_m
+from bench.synthesis.imaging.lights import NO_LAMPS, Shadows, Sky, lamp_faces, lamps_of, street_lamps_m
 from bench.synthesis.imaging.shading import LANES, PIXELS, ShadingScene, shade
 from bench.synthesis.imaging.visibility import View, find_visible, lens_of, untiled
 from bench.synthesis.mesh import Mesh, PlacedMesh
@@ -111,27 +111,23 @@ class ImageRenderer:
             glow=np.float32(light.kind.sun_glow),
             sun=light.towards_sun.astype(np.float32),
         )
-        self._headlights = Headlights() if light.kind.night else None
         self._street_lamps_m = street_lamps_m(self._world)
         if not light.kind.night:
             self._world.rows[lamp_faces(self._world), GLOW] = 0.0  # switched off
 
-    def render(
-        self, middle: Moment, *, rng: np.random.Generator, shutter: tuple[Moment, Moment] | None = None
-    ) -> RenderedImage:
+    def render(self, middle: Moment, *, rng: np.random.Generator, closes: Moment | None = None) -> RenderedImage:
         """Render one image.
 
         Args:
             middle: the scene in the middle of the exposure.
             rng: the sensor noise.
-            shutter: the scene when the shutter opens and closes; None for a still. With `middle` as the first
-                saves posing everything once more: all then moves before the middle as it does after it.
+            closes: the scene when the shutter closes, before whose middle all moves as after it; None for a still.
         """
-        return self._read_out(self._seen(middle, shutter), rng)
+        return self._read_out(self._seen(middle, closes), rng)
 
     def render_rows(
         self,
-        exposed: Callable[[int], tuple[Moment, tuple[Moment, Moment] | None]],
+        exposed: Callable[[int], tuple[Moment, Moment]],
         *,
         shutter: RollingShutter,
         rng: np.random.Generator,
@@ -139,7 +135,7 @@ class ImageRenderer:
         """Render one image whose rows are exposed one after the other, in bands of at most a millisecond.
 
         Args:
-            exposed: gives `middle` and `shutter` of `render`, of rows exposed so many ns after the middle row.
+            exposed: gives `middle` and `closes` of `render`, of rows exposed so many ns after the middle row.
             shutter: the readout.
             rng: the sensor noise.
         """
@@ -156,7 +152,7 @@ class ImageRenderer:
         pixels = self._sensor.expose(seen.grey, rng)
         return RenderedImage(pixels=pixels, instance_ids=seen.instance_ids, distances_m=seen.distances_m)
 
-    def _seen(self, middle: Moment, shutter: tuple[Moment, Moment] | None) -> _Seen:
+    def _seen(self, middle: Moment, closes: Moment | None) -> _Seen:
         """The whole image as all of its rows would see it; arguments as of `render`."""
         lens = self._lens
         shape = lens.valid.shape[0], lens.valid.shape[1]
@@ -174,8 +170,8 @@ class ImageRenderer:
         centre = self._shaded(view, rows, corners, bodies, middle, rotation, origin_m)
         grey = np.empty_like(centre)
         smooth_edges(triangles, lens.valid, lens.rays, lens.along_u, lens.along_v, planes, rows, centre, grey)
-        if shutter is not None:
-            motion = self._shutter(middle, corners[len(self._world.corners_m) :], shutter)
+        if closes is not None:
+            motion = self._shutter(middle, corners[len(self._world.corners_m) :], closes)
             motion_vectors, sharp = np.empty((2, *shape), dtype=np.float32), grey
             find_motion_vectors(triangles, inverse_depth, lens.rays, lens.across, planes, motion, motion_vectors)
             grey = np.empty_like(sharp)
@@ -200,9 +196,9 @@ class ImageRenderer:
     ) -> NDArray[np.float32]:
         """Grey values of what the pixels' centres see, 1 is white."""
         lens, light, lamps = self._lens, self._light, NO_LAMPS
-        if self._headlights is not None:
+        if light.kind.night:
             others = corners[: len(corners) - len(bodies[-1].corners_m)]
-            lamps = self._headlights.lamps(others, self._street_lamps_m, middle.world_from_vehicle)
+            lamps = lamps_of(others, self._street_lamps_m, middle.world_from_vehicle)
         with self._shadows.around(origin_m, [body.corners_m for body in bodies]) as (near, far, cover):
             scene = ShadingScene(
                 rows, rotation.astype(np.float32), origin_m.astype(np.float32), light.towards_sun.astype(np.float32),
@@ -214,25 +210,21 @@ class ImageRenderer:
             shade(view.triangles, lens.tiles.rays, lens.tile_pixel_rad, view.planes, scene, lanes, spots, grey)
         return untiled(grey, (lens.valid.shape[0], lens.valid.shape[1]))
 
-    def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], shutter: tuple[Moment, Moment]) -> Shutter:
+    def _shutter(self, middle: Moment, corners_m: NDArray[np.float64], closes: Moment) -> Shutter:
         """Motion of everything; `corners_m` are those of all that moves, in the middle of the exposure."""
-        world_from_camera = middle.world_from_vehicle @ self._camera.vehicle_from_camera
-        rotations, translations_m, corners_then_m = [], [], []
-        for moment in shutter:
-            then_from_world = (moment.world_from_vehicle @ self._camera.vehicle_from_camera).inverse()
-            then_from_middle = then_from_world @ world_from_camera
-            rotations.append(then_from_middle.rotation)
-            translations_m.append(then_from_middle.translation_m)
-            there_m = corners_m
-            if moment is not middle:
-                there_m = np.concatenate([mesh.corners_m for mesh in self._meshes(moment)])
-            corners_then_m.append(then_from_world.apply(there_m.reshape(-1, 3)).reshape(-1, 3, 3))
-        times = 2.0 if shutter[0] is middle else 1.0
+        there_m = corners_m, np.concatenate([mesh.corners_m for mesh in self._meshes(closes)])
+        mounting = self._camera.vehicle_from_camera
+        then_from_world = [(moment.world_from_vehicle @ mounting).inverse() for moment in (middle, closes)]
+        first, last = (then @ (middle.world_from_vehicle @ mounting) for then in then_from_world)
+        corners_then_m = [
+            then.apply(there.reshape(-1, 3)).reshape(-1, 3, 3)
+            for then, there in zip(then_from_world, there_m, strict=True)
+        ]
         return Shutter(
-            (times * (rotations[1] - rotations[0])).astype(np.float32),
-            (times * (translations_m[1] - translations_m[0])).astype(np.float32),
+            (2.0 * (last.rotation - first.rotation)).astype(np.float32),
+            (2.0 * (last.translation_m - first.translation_m)).astype(np.float32),
             len(self._world.corners_m),
-            (times * (corners_then_m[1] - corners_then_m[0])).astype(np.float32),
+            (2.0 * (corners_then_m[1] - corners_then_m[0])).astype(np.float32),
         )
 
     def _meshes(self, moment: Moment) -> list[Mesh]:
@@ -256,14 +248,13 @@ def write_images(
     half_ns = round(scene.light.kind.shutter_ms * 1e6 / 2)
     for frame, time_ns in enumerate(scene.image_times_ns.tolist()):
 
-        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, tuple[Moment, Moment]]:
-            middle = moment(scene, time_ns + offset_ns)
-            return middle, (middle, moment(scene, time_ns + offset_ns + half_ns))
+        def exposed(offset_ns: int, time_ns: int = time_ns) -> tuple[Moment, Moment]:
+            return moment(scene, time_ns + offset_ns), moment(scene, time_ns + offset_ns + half_ns)
 
         rng = named_rng(scenario.seed, spec.name, camera.name, frame)
         if camera.rolling_shutter is None:
-            middle, shutter = exposed(0)
-            image = renderer.render(middle, rng=rng, shutter=shutter)
+            middle, closes = exposed(0)
+            image = renderer.render(middle, rng=rng, closes=closes)
         else:
             image = renderer.render_rows(exposed, shutter=camera.rolling_shutter, rng=rng)
         timestamp_ns = time_ns + FIRST_IMAGE_NS

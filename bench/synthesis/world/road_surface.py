@@ -31,6 +31,8 @@ def markings(plan: Plan, rng: np.random.Generator) -> list[Mesh]:
     """All paint, as fresh or worn as the recording's road has it."""
     paint = tinted(PAINT, float(rng.uniform(0.68, 1.08)))
     lines = {"street": _street, "avenue": _avenue, "car_park": _car_park}[plan.spec.kind](plan, rng)
+    for street, side_lane in plan.mouths:
+        lines += _mouth(side_lane, street.width_m, rng)
     cells = np.concatenate([np.empty((0, 4, 2)), *lines])
     shades = paint.albedo * rng.uniform(0.9, 1.06, len(cells))  # each piece is worn in its own way
     heads, shafts = _arrows(plan, rng)
@@ -60,12 +62,10 @@ def _street(plan: Plan, rng: np.random.Generator) -> Lines:
         lines.append(
             lane.cells(at_m - ZEBRA_M / 2 - 1.5, at_m - ZEBRA_M / 2 - 1.0, section.right_m, 0.5 * spec.lane_width_m)
         )
-    for street, side_lane in plan.mouths:
-        lines += _mouth(side_lane, street.width_m, rng)
     return lines
 
 
-def _avenue(plan: Plan, rng: np.random.Generator) -> Lines:
+def _avenue(plan: Plan, _: np.random.Generator) -> Lines:
     """Solid edge lines and long dashes, on both carriageways."""
     spec, section, lane = plan.spec, plan.section, plan.lane
     lanes = 1 + spec.lanes_left + spec.lanes_right
@@ -80,8 +80,6 @@ def _avenue(plan: Plan, rng: np.random.Generator) -> Lines:
             lines += _dashes(
                 lane, right_m + k * spec.lane_width_m, [], dash_m=LONG_DASH_M, gap_m=LONG_GAP_M, width_m=WIDE_M
             )
-    for street, side_lane in plan.mouths:
-        lines += _mouth(side_lane, street.width_m, rng)
     return lines
 
 
