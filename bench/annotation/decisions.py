@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Literal
 
@@ -12,24 +13,7 @@ from numpy.typing import NDArray
 from shapely.geometry import LineString, Polygon, box
 from shapely.ops import split
 
-from bench.annotation.settings import ProposalSettings
-from bench.annotation.store import (
-    Decision,
-    Doubt,
-    Draw,
-    Judge,
-    Merge,
-    Redo,
-    Review,
-    SetBox,
-    SetCategory,
-    SetClass,
-    SetUnclear,
-    SplitSpace,
-    SplitTime,
-    StoredTrack,
-    Undo,
-)
+from bench.annotation import store
 from bench.errors import DataError, UsageError
 from bench.geometry import RigidTransform
 from bench.plain_text import counted
@@ -46,14 +30,6 @@ USUAL_STEP_NS = 100_000_000  # between states, where a track has only one
 LARGEST_GAP_NS = 2_000_000_000  # that merging fills; a longer one stays open
 HOLE = 1.5  # usual steps between two states, from which on one is missing
 FAR_M = 1000.0  # a line through a box is drawn out to both sides by this
-LONGEST_M, WIDEST_M = ProposalSettings().longest_m, ProposalSettings().widest_m
-USUAL_M: dict[ObjectClass, tuple[tuple[float, float], ...]] = {  # least and most length, width and height of a box
-    "pedestrian": ((0.2, 2.4), (0.2, 1.3), (0.6, 2.2)),  # children, and who carries or pushes something
-    "cyclist": ((1.1, 3.2), (0.3, 1.3), (0.9, 2.3)),  # with a trailer or a load
-    "vehicle": ((1.2, LONGEST_M), (0.5, WIDEST_M), (0.8, 4.2)),  # from motorcycles and small cars to buses with a joint
-    "animal": ((0.2, 3.0), (0.1, 1.3), (0.1, 2.2)),  # cats to horses
-}
-SIDES = (("short", "long"), ("narrow", "wide"), ("low", "high"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,10 +121,10 @@ class ReviewedTrack:
     category: str | None
     unclear: bool
     size_m: Floats
-    proposed_doubts: tuple[Doubt, ...]
+    proposed_doubts: tuple[store.Doubt, ...]
     points_median: float
     uncorrected: Motion
-    keys: Mapping[int, SetBox]
+    keys: Mapping[int, store.SetBox]
 
     @property
     def motion(self) -> Motion:
@@ -156,53 +132,45 @@ class ReviewedTrack:
         return _corrected(self.uncorrected, self.keys)
 
     @property
-    def doubts(self) -> tuple[Doubt, ...]:
-        """Reasons to look twice: what follows from the track as it stands, which a reviewer can mend, goes first."""
+    def doubts(self) -> tuple[store.Doubt, ...]:
+        """Reasons to look twice: holes in the track as it stands, which a reviewer can fill, go first."""
         step_ns = self.uncorrected.step_ns
         missing = [round((end - start) / step_ns) - 1 for start, end in self.uncorrected.holes(step_ns)]
-        doubts = []
-        if missing:
-            count = max(sum(missing), 1)
-            reason = f"{'hole' if len(missing) == 1 else counted(len(missing), 'hole')} of {counted(count, 'sweep')}"
-            doubts.append(Doubt(reason=reason, value=count))
-        a_class = f"a{'n' if self.object_class[0] in 'aeiou' else ''} {self.object_class}"
-        for value, (least, most), words in zip(self.size_m.tolist(), USUAL_M[self.object_class], SIDES, strict=True):
-            if not least <= value <= most:
-                doubts.append(Doubt(reason=f"{value:.1f} m is {words[int(value > most)]} for {a_class}", value=value))
-        return (*doubts, *self.proposed_doubts)
+        if not missing:
+            return self.proposed_doubts
+        count = max(sum(missing), 1)
+        reason = f"{'hole' if len(missing) == 1 else counted(len(missing), 'hole')} of {counted(count, 'sweep')}"
+        return (store.Doubt(reason=reason, value=count), *self.proposed_doubts)
 
 
 State = dict[str, ReviewedTrack]  # by id, in the order in which they came up
 
 
-def applied(review: Review) -> State:
+def applied(review: store.Review) -> State:
     """Return all tracks as they stand after all decisions in force; merged ones are gone, rejected ones are there.
 
     Raises:
         UsageError: a decision about a track that does not exist then, or one that cannot be carried out.
     """
-    state = opening(review)
-    for decision in history(review.decisions)[0]:
-        state = after(state, decision)
-    return state
+    return reduce(after, history(review.decisions)[0], opening(review))
 
 
-def opening(review: Review) -> State:
+def opening(review: store.Review) -> State:
     """The tracks before the first decision."""
     return {track.id: undecided(track) for track in review.tracks}
 
 
-def history(decisions: Iterable[Decision]) -> tuple[tuple[Decision, ...], tuple[Decision, ...]]:
+def history(decisions: Iterable[store.Decision]) -> tuple[tuple[store.Decision, ...], tuple[store.Decision, ...]]:
     """The decisions in force, and those that a redo would make again, the next one last.
 
     Raises:
         UsageError: an undo or redo where there is nothing to take back or to make again.
     """
-    made: list[Decision] = []
-    taken_back: list[Decision] = []
+    made: list[store.Decision] = []
+    taken_back: list[store.Decision] = []
     for decision in decisions:
-        if isinstance(decision, Undo | Redo):
-            source, target = (made, taken_back) if isinstance(decision, Undo) else (taken_back, made)
+        if isinstance(decision, store.Undo | store.Redo):
+            source, target = (made, taken_back) if isinstance(decision, store.Undo) else (taken_back, made)
             if not source:
                 raise UsageError(f"{decision.action}: expected a decision to {decision.action}, got none")
             target.append(source.pop())
@@ -212,30 +180,30 @@ def history(decisions: Iterable[Decision]) -> tuple[tuple[Decision, ...], tuple[
     return tuple(made), tuple(taken_back)
 
 
-def after(state: State, decision: Decision) -> State:
+def after(state: State, decision: store.Decision) -> State:
     """The tracks after one more decision, which is neither an undo nor a redo.
 
     Raises:
         UsageError: as `applied`.
     """
     match decision:
-        case Judge():
+        case store.Judge():
             return _each(state, decision.tracks, lambda track: replace(track, status=STATUS_AFTER[decision.action]))
-        case SetClass():
+        case store.SetClass():
             return _each(state, decision.tracks, lambda track: replace(track, object_class=decision.object_class))
-        case SetUnclear():
+        case store.SetUnclear():
             return _each(state, decision.tracks, lambda track: replace(track, unclear=decision.unclear))
-        case SetCategory():
+        case store.SetCategory():
             return _each(state, decision.tracks, lambda track: replace(track, category=decision.category))
-        case Merge():
+        case store.Merge():
             return _merged(state, decision)
-        case SplitTime():
+        case store.SplitTime():
             return _split_in_time(state, decision)
-        case SplitSpace():
+        case store.SplitSpace():
             return _split_in_space(state, decision)
-        case SetBox():
+        case store.SetBox():
             return _each(state, (decision.track,), lambda track: _with_key(track, decision))
-        case Draw():
+        case store.Draw():
             return _drawn(state, decision)
     raise AssertionError(decision)
 
@@ -251,7 +219,7 @@ def _interpolated(seconds: Floats, known_s: Floats, values: Floats) -> Floats:
     return np.stack([np.interp(seconds, known_s, column) for column in values.T], axis=1)
 
 
-def undecided(track: StoredTrack) -> ReviewedTrack:
+def undecided(track: store.StoredTrack) -> ReviewedTrack:
     """A track of a file before any decision."""
     rows = np.array([(*state.centre_m, state.yaw_rad, *state.velocity_mps) for state in track.states], dtype=np.float64)
     rows[:, 3] = np.unwrap(rows[:, 3])
@@ -284,13 +252,13 @@ def _free_id(state: State, track_id: str) -> str:
     return next(name for i in range(1, len(state) + 2) if (name := f"{track_id}.{i}") not in state)
 
 
-def _drawn(state: State, decision: Draw) -> State:
+def _drawn(state: State, decision: store.Draw) -> State:
     if decision.drawn.id in state:
         raise UsageError(f"track {decision.drawn.id!r}: expected a new name, got one that exists")
     return {**state, decision.drawn.id: replace(undecided(decision.drawn), status="accepted")}
 
 
-def _with_key(track: ReviewedTrack, key: SetBox) -> ReviewedTrack:
+def _with_key(track: ReviewedTrack, key: store.SetBox) -> ReviewedTrack:
     keys = dict(sorted({**track.keys, key.timestamp_ns: key}.items()))
     uncorrected = _reaching(track.uncorrected, key.timestamp_ns)
     return replace(track, keys=keys, uncorrected=uncorrected, size_m=np.array(key.size_m))
@@ -319,7 +287,7 @@ def _between(start_ns: int, end_ns: int, step_ns: int) -> NDArray[np.int64]:
     return np.linspace(start_ns, end_ns, round((end_ns - start_ns) / step_ns) + 1).round().astype(np.int64)[1:-1]
 
 
-def _corrected(uncorrected: Motion, keys: Mapping[int, SetBox]) -> Motion:
+def _corrected(uncorrected: Motion, keys: Mapping[int, store.SetBox]) -> Motion:
     """The motion led through key frames: each gives a correction in the box's own axes, linear in between."""
     if not keys:
         return uncorrected
@@ -333,7 +301,7 @@ def _corrected(uncorrected: Motion, keys: Mapping[int, SetBox]) -> Motion:
     return uncorrected.moved(corrections[:, :3], corrections[:, 3])
 
 
-def _split_in_time(state: State, decision: SplitTime) -> State:
+def _split_in_time(state: State, decision: store.SplitTime) -> State:
     track = _get(state, decision.track)
     early = track.motion.times_ns < decision.timestamp_ns
     if early.all() or not early.any():
@@ -346,7 +314,7 @@ def _split_in_time(state: State, decision: SplitTime) -> State:
     }
 
 
-def _split_in_space(state: State, decision: SplitSpace) -> State:
+def _split_in_space(state: State, decision: store.SplitSpace) -> State:
     track = _get(state, decision.track)
     length, width, _ = track.size_m
     at = track.motion.at(np.array([decision.timestamp_ns], dtype=np.int64))
@@ -377,7 +345,7 @@ def _resized(track: ReviewedTrack, low: Floats, high: Floats) -> ReviewedTrack:
     return replace(track, uncorrected=motion, keys={}, size_m=high - low)
 
 
-def _merged(state: State, decision: Merge) -> State:
+def _merged(state: State, decision: store.Merge) -> State:
     first, *others = (_get(state, track_id) for track_id in dict.fromkeys(decision.tracks))
     if not others:
         raise UsageError(f"merge: expected two tracks, got {first.id!r} twice")
@@ -431,7 +399,7 @@ def _in_one(a: Motion, b: Motion) -> Motion:
     return together.at(np.unique(np.concatenate(times)))
 
 
-def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False) -> tuple[Track, ...]:
+def to_tracks(review: store.Review, recording: Recording, *, unreviewed: bool = False) -> tuple[Track, ...]:
     """Tracks of a recording from its review.
 
     Args:
@@ -452,7 +420,7 @@ def to_tracks(review: Review, recording: Recording, *, unreviewed: bool = False)
     return tuple(to_track(track, recording, reviewed=not unreviewed) for track in tracks)
 
 
-def refuse_unfinished(review: Review, recording: Recording, file: Path) -> None:
+def refuse_unfinished(review: store.Review, recording: Recording, file: Path) -> None:
     """Refuse a review that leaves something open.
 
     Raises:

@@ -13,22 +13,10 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 from shapely.geometry import Polygon
 
+from bench.annotation import store
 from bench.annotation.decisions import Motion, ReviewedTrack, State, applied, history, opening, to_tracks, undecided
 from bench.annotation.evaluate import evaluate_proposals
 from bench.annotation.proposals import propose
-from bench.annotation.store import (
-    Decision,
-    Draw,
-    Judge,
-    Proposed,
-    Review,
-    SetCategory,
-    SetClass,
-    SetUnclear,
-    read_review,
-    review_file,
-    write_review,
-)
 from bench.errors import BenchError, UsageError
 from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_ego_motion, digest_of, digest_sweeps
@@ -37,7 +25,8 @@ from bench.records.recording import COMPLETELY
 
 MODULES = ("boxes", "free_space", "prepared", "proposals", "settings", "tracking")
 CODE = (*REFERENCE_CODE, *(f"annotation/{name}.py" for name in MODULES))
-DESCRIBING = (Judge, SetClass, SetUnclear, SetCategory)  # decisions that leave the boxes as they are
+# Decisions that leave the boxes as they are.
+DESCRIBING = (store.Judge, store.SetClass, store.SetUnclear, store.SetCategory)
 LEAST_IOU = 0.5  # of outlines seen from above, added up over time, from which on two tracks are the same
 
 
@@ -95,16 +84,16 @@ def propose_drives(
 
 def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> ProposedDrive:
     """Propose the moving objects of one recording; see `propose_drives`."""
-    file = review_file(folder, handle.name)
+    file = store.review_file(folder, handle.name)
     try:
         recording = handle.open()
         made_from = proposal_digests(recording)
-        stored = read_review(file) if file.exists() else None
+        stored = store.read_review(file) if file.exists() else None
         computed = stored is None or stored.proposed != made_from
         if computed:
-            made = Review(dataset=dataset, recording=handle.name, proposed=made_from, tracks=propose(recording))
+            made = store.Review(dataset=dataset, recording=handle.name, proposed=made_from, tracks=propose(recording))
             stored = made if stored is None else carry_over(stored, made)
-            write_review(file, stored)
+            store.write_review(file, stored)
     except BenchError as error:
         return ProposedDrive(name=handle.name, failure=str(error))
     assert stored is not None
@@ -112,11 +101,11 @@ def propose_drive(dataset: str, folder: Path, handle: RecordingHandle) -> Propos
     return ProposedDrive(name=handle.name, objects=len(stored.tracks), doubted=doubted, computed=computed)
 
 
-def proposal_digests(recording: Recording) -> Proposed:
+def proposal_digests(recording: Recording) -> store.Proposed:
     """Digests of the sweeps, ego-motion and calibration of a recording, and of the code that finds what moves."""
     cameras = {name: digest_of(camera) for name, camera in recording.cameras.items()}  # they tell where the road is
     data = digest_of(digest_ego_motion(recording), cameras, recording.vehicle_outline_m, digest_sweeps(recording))
-    return Proposed(data=data, code=code_digest(CODE))
+    return store.Proposed(data=data, code=code_digest(CODE))
 
 
 def evaluate_drives(
@@ -154,17 +143,17 @@ def evaluate_drives(
 
 
 def _evaluate_drive(folder: Path, against: Path | None, handle: RecordingHandle) -> tuple[pd.DataFrame, float]:
-    review = read_review(review_file(folder, handle.name))
+    review = store.read_review(store.review_file(folder, handle.name))
     recording = handle.open()
     if against is not None:
-        other = to_tracks(read_review(review_file(against, handle.name)), recording, unreviewed=True)
+        other = to_tracks(store.read_review(store.review_file(against, handle.name)), recording, unreviewed=True)
         recording = replace(recording, tracks=other, annotated=COMPLETELY)
     frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
     times_ns = [ref.timestamp_ns for ref in recording.sweeps]
     return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0
 
 
-def carry_over(old: Review, new: Review) -> Review:
+def carry_over(old: store.Review, new: store.Review) -> store.Review:
     """Give new proposals the decisions in force of older ones.
 
     Where a track is the same, by IoU of its boxes over time, its status, class, kind of motion and unclear go to the
@@ -185,7 +174,7 @@ def carry_over(old: Review, new: Review) -> Review:
     decisions, _ = history(old.decisions)
     shaped = {_root(name) for told in decisions if not isinstance(told, DESCRIBING) for name in _named(told)}
     judged = {_root(name) for told in decisions if not _rejects(told) for name in _named(told)}
-    drawn = [decision.drawn for decision in decisions if isinstance(decision, Draw)]
+    drawn = [decision.drawn for decision in decisions if isinstance(decision, store.Draw)]
     before, proposed = opening(old), opening(new)
     same = _same(before, proposed)
     replaced = {same[name] for name in same if name in shaped}
@@ -239,19 +228,19 @@ def _root(name: str) -> str:
     return name.partition(".")[0]
 
 
-def _rejects(decision: Decision) -> bool:
-    return isinstance(decision, Judge) and decision.action == "reject"
+def _rejects(decision: store.Decision) -> bool:
+    return isinstance(decision, store.Judge) and decision.action == "reject"
 
 
-def _named(decision: Decision) -> tuple[str, ...]:
-    if isinstance(decision, Draw):
+def _named(decision: store.Decision) -> tuple[str, ...]:
+    if isinstance(decision, store.Draw):
         return (decision.drawn.id,)
     return getattr(decision, "tracks", None) or (getattr(decision, "track", ""),)
 
 
-def _renamed(decision: Decision, names: Mapping[str, str]) -> Decision | None:
+def _renamed(decision: store.Decision, names: Mapping[str, str]) -> store.Decision | None:
     """The decision about the tracks under their new names; None where none of them is left."""
-    if isinstance(decision, Draw):
+    if isinstance(decision, store.Draw):
         return decision
     told = [name for name in _named(decision) if not _rejects(decision) or _root(name) in names]
     renamed = [f"{names.get(_root(name), _root(name))}{name.removeprefix(_root(name))}" for name in told]

@@ -17,20 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.annotation import store
 from bench.annotation.decisions import ReviewedTrack, State, after, applied, history, to_track
 from bench.annotation.drawing import Lasso, draw_track, sweep_points_world
 from bench.annotation.proposals import EXPLAINED
-from bench.annotation.store import (
-    Decision,
-    Draw,
-    Redo,
-    Review,
-    SetBox,
-    Undo,
-    read_review,
-    review_file,
-    write_review,
-)
 from bench.cameras import CameraModel
 from bench.errors import DataError, UsageError
 from bench.evaluation import load_protocol
@@ -57,7 +47,7 @@ WIDEST_RAD = 2.2
 class Asked(FileModel):
     """A decision that the page asks for, with time and reviewer."""
 
-    decision: Decision
+    decision: store.Decision
 
 
 class Watched(FileModel):
@@ -89,11 +79,11 @@ class Session:
             got = f"none in {recording.name!r}"
             raise DataError(recording.root, expected="lidar sweeps, which are reviewed", got=got)
         self.recording, self._reviewer = recording, reviewer
-        self.file = review_file(folder, recording.name)
+        self.file = store.review_file(folder, recording.name)
         self._lock, self._drawing, self._reading = Lock(), Lock(), Lock()
         self._builders: dict[str, ReferenceBuilder] = {}
-        empty = Review(dataset=dataset, recording=recording.name)
-        self.review = read_review(self.file) if self.file.exists() else empty
+        empty = store.Review(dataset=dataset, recording=recording.name)
+        self.review = store.read_review(self.file) if self.file.exists() else empty
         self._on_disk = _file_state(self.file)
         self._state = applied(self.review)
         self._start_ns = recording.sweeps[0].timestamp_ns
@@ -161,10 +151,10 @@ class Session:
         """
         lasso = parse_json(Lasso, content, Path("lasso"))
         taken = {track.id for track in self.review.tracks} | set(self._state)
-        taken |= {decision.drawn.id for decision in self.review.decisions if isinstance(decision, Draw)}
+        taken |= {decision.drawn.id for decision in self.review.decisions if isinstance(decision, store.Draw)}
         name = next(name for i in range(1, len(taken) + 2) if (name := f"d{i:03d}") not in taken)
         drawn = draw_track(self.recording, lasso, name=name)
-        return self._add(Draw(made_at=datetime.now(UTC), reviewer=self._reviewer, drawn=drawn))
+        return self._add(store.Draw(made_at=datetime.now(UTC), reviewer=self._reviewer, drawn=drawn))
 
     def watch(self, content: bytes) -> Json:
         """Note that sweeps were played.
@@ -236,7 +226,7 @@ class Session:
             DataError: a sweep or the ego-motion cannot be used.
         """
         key = self._parsed(content)
-        if not isinstance(key, SetBox):
+        if not isinstance(key, store.SetBox):
             raise UsageError(f"outline: expected set_box, got {key.action}")
         name = list(self.recording.cameras)[camera]
         shown, model = self.recording.images[name][image], self.recording.cameras[name].model
@@ -255,22 +245,22 @@ class Session:
             self._builders[name] = builder  # which holds the sweep for the next
             return region_outlines(builder.region(track.id, shown), model)
 
-    def _add(self, decision: Decision) -> Json:
+    def _add(self, decision: store.Decision) -> Json:
         with self._lock:
             review = self.review.model_copy(update={"decisions": (*self.review.decisions, decision)})
-            undoing = isinstance(decision, Undo | Redo)
+            undoing = isinstance(decision, store.Undo | store.Redo)
             state = applied(review) if undoing else after(self._state, decision)
             self._store(review)
             before, self._state = self._state, state
             return self.changes(before)
 
-    def _store(self, review: Review) -> None:
+    def _store(self, review: store.Review) -> None:
         if _file_state(self.file) != self._on_disk:
             raise ChangedFileError(f"{self.file}: expected the file that was read, got another; start the review again")
-        write_review(self.file, review)
+        store.write_review(self.file, review)
         self.review, self._on_disk = review, _file_state(self.file)
 
-    def _parsed(self, content: bytes) -> Decision:
+    def _parsed(self, content: bytes) -> store.Decision:
         """The decision with time and reviewer, its time since 1970 as the file has it."""
         try:
             values = json.loads(content)
@@ -300,7 +290,7 @@ class Session:
         }
 
 
-def _in_words(decision: Decision) -> str:
+def _in_words(decision: store.Decision) -> str:
     """A decision in words, for the page's undo."""
     names = getattr(decision, "tracks", None) or [getattr(decision, "track", "")]
     return " ".join([decision.action.replace("_", " "), *names[:3]]).strip()

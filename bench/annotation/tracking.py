@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -209,13 +210,16 @@ class Tracker:
         self._live: list[_Live] = []
         self._ended: list[_Live] = []
         self._time_ns: int | None = None
-        self._chains = 0
+        self._chains = count()
 
     def add(self, cloud: Cloud, clusters: Sequence[NDArray[np.intp]]) -> None:
         """Assign the clusters of a sweep to tracks; the rest begin new ones."""
         seconds = 0.0 if self._time_ns is None else (cloud.timestamp_ns - self._time_ns) / SECOND_NS
         self._time_ns = cloud.timestamp_ns
-        motion, noise = _constant_velocity(seconds, self._settings.acceleration_mps2)
+        motion = np.eye(4)  # at constant velocity
+        motion[0, 2] = motion[1, 3] = seconds
+        gain = np.array([[seconds**2 / 2, 0.0], [0.0, seconds**2 / 2], [seconds, 0.0], [0.0, seconds]])
+        noise = self._settings.acceleration_mps2**2 * gain @ gain.T
         for track in self._live:
             track.mean = motion @ track.mean
             track.covariance = motion @ track.covariance @ motion.T + noise
@@ -228,7 +232,14 @@ class Tracker:
                 track.missed += 1
         for number, observation in enumerate(seen):
             if number not in assigned.values():
-                self._begin(observation)
+                begun = _Live(
+                    chain=next(self._chains),
+                    mean=np.concatenate([observation.centre, np.zeros(2)]),
+                    covariance=START_VARIANCE,
+                    length_m=observation.length_m,
+                    observations=[observation],
+                )
+                self._live.append(begun)
         self._ended += [track for track in self._live if track.missed > self._settings.missed]
         self._live = [track for track in self._live if track.missed <= self._settings.missed]
 
@@ -250,25 +261,6 @@ class Tracker:
             return {}
         costs = np.array([[_cost(track, observation) for observation in seen] for track in self._live])
         return {int(a): int(b) for a, b in zip(*linear_sum_assignment(costs), strict=True) if costs[a, b] < REFUSED}
-
-    def _begin(self, seen: Observation) -> None:
-        track = _Live(
-            chain=self._chains,
-            mean=np.concatenate([seen.centre, np.zeros(2)]),
-            covariance=START_VARIANCE,
-            length_m=seen.length_m,
-            observations=[seen],
-        )
-        self._live.append(track)
-        self._chains += 1
-
-
-def _constant_velocity(seconds: float, acceleration_mps2: float) -> tuple[Floats, Floats]:
-    """Transition and noise over a time."""
-    motion = np.eye(4)
-    motion[0, 2] = motion[1, 3] = seconds
-    gain = np.array([[seconds**2 / 2, 0.0], [0.0, seconds**2 / 2], [seconds, 0.0], [0.0, seconds]])
-    return motion, acceleration_mps2**2 * gain @ gain.T
 
 
 def _cost(track: _Live, seen: Observation) -> float:

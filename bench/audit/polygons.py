@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, binary_fill_holes, distance_transform_edt, find_objects
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory
 from bench.evaluation.rows import IMAGE, IMAGE_COLUMNS, Row
 from bench.recordings import ImageRef, Recording, Track
-from bench.records.reference import Category, ReferenceFrame, ReferenceObject, Status
+from bench.records.reference import Category, ReferenceFrame, Status
 from bench.records.rules import ReferenceSettings
 from bench.reference import REGION_KINDS, ReferenceBuilder
 
@@ -41,7 +40,16 @@ def with_compensation(recording: Recording, compensation: Compensation) -> Recor
     tracks = tuple(_stationary(track) for track in recording.tracks)
     if compensation is Compensation.EGO_MOTION:
         return replace(recording, tracks=tracks)
-    return replace(recording, tracks=tracks, trajectory=_stationary_ego(recording.trajectory))
+    driven = recording.trajectory
+    ends_ns = driven.timestamps_ns[[0, -1]]
+    stationary = replace(
+        driven,
+        timestamps_ns=ends_ns,
+        rotations=Rotation.identity(2),
+        positions_m=np.zeros((2, 3)),
+        max_gap_ns=int(ends_ns[1] - ends_ns[0]),
+    )
+    return replace(recording, tracks=tracks, trajectory=stationary)
 
 
 def _stationary(track: Track) -> Track:
@@ -50,17 +58,6 @@ def _stationary(track: Track) -> Track:
         for s in track.states
     )
     return replace(track, states=tuple(states))
-
-
-def _stationary_ego(driven: Trajectory) -> Trajectory:
-    ends_ns = driven.timestamps_ns[[0, -1]]
-    return replace(
-        driven,
-        timestamps_ns=ends_ns,
-        rotations=Rotation.identity(2),
-        positions_m=np.zeros((2, 3)),
-        max_gap_ns=int(ends_ns[1] - ends_ns[0]),
-    )
 
 
 Mask = NDArray[np.bool_]
@@ -112,6 +109,8 @@ def _outline_distance_px(first: Mask, second: Mask) -> float:
 
 
 FIT = tuple(measure.name for measure in fields(RegionFit))
+# What the protocol's reference says of an object, the same for all kinds of polygon.
+DESCRIPTION = ("track_id", "object_class", "category", "range_m", "speed_mps", "points")
 
 # One row per evaluated object-frame, kind and compensation that gave a polygon; ratios as in `RegionFit`.
 POLYGONS_SCHEMA = pa.schema(
@@ -166,7 +165,8 @@ class PolygonAuditor:
                 region = built.labels == number
                 fit = region_fit(region, mask)
                 rows.append(
-                    _description(evaluated, described[target.track_id])
+                    {name: getattr(evaluated, name) for name in IMAGE}
+                    | {name: getattr(described[target.track_id], name) for name in DESCRIPTION}
                     | {"kind": kind, "compensation": compensation.value}
                     | {"mask_px": np.count_nonzero(mask), "region_px": np.count_nonzero(region)}
                     | {name: getattr(fit, name) for name in FIT}
@@ -178,9 +178,3 @@ def lenient(settings: ReferenceSettings, kind: str) -> ReferenceSettings:
     """Settings that give every object that has points its polygon of a kind; who counts is decided elsewhere."""
     changes = {"polygon_kind": kind, "range_limit_m": math.inf, "min_polygon_px": 1, "categories": tuple(Category)}
     return settings.model_copy(update=changes | {"unknown_band": None})  # the region itself is compared, not its core
-
-
-def _description(evaluated: ReferenceFrame, item: ReferenceObject) -> Row:
-    """What the protocol's reference says of an object, the same for all kinds of polygon."""
-    same = ("track_id", "object_class", "category", "range_m", "speed_mps", "points")
-    return {name: getattr(evaluated, name) for name in IMAGE} | {name: getattr(item, name) for name in same}

@@ -97,11 +97,16 @@ def audit_recording(opened: OpenedSource, *, method: Method, protocol: Protocol)
     """Audit every camera of a recording.
 
     Args:
-        opened: the recording.
+        opened: the recording; without its scene, where its data set has one, that is a problem.
         method: to be scored and explained.
         protocol: the rules.
     """
-    exact = _exact_recording(opened, method)
+    source, exact = opened.source, None
+    if source.exact is not None and isinstance(method, FlowMethod):
+        if source.scene is not None:
+            exact = source.exact.open()
+        else:
+            opened.problems.append(f"recording {source.recorded.name!r}: not in the scenario, so without exact flow")
     cameras = []
     for name in sorted(opened.recording.cameras):
         camera = _CameraAudit(opened, name, exact=exact, method=method, protocol=protocol)
@@ -109,17 +114,6 @@ def audit_recording(opened: OpenedSource, *, method: Method, protocol: Protocol)
             camera.score(index)
         cameras.append(camera.finish())
     return RecordingAudit.joined(cameras)
-
-
-def _exact_recording(opened: OpenedSource, method: Method) -> Recording | None:
-    """The recording with its true calibration; None without, which is a problem where there could be one."""
-    source = opened.source
-    if source.exact is None or not isinstance(method, FlowMethod):
-        return None
-    if source.scene is None:
-        opened.problems.append(f"recording {source.recorded.name!r}: not in the scenario, so without exact flow")
-        return None
-    return source.exact.open()
 
 
 class _CameraAudit:

@@ -187,15 +187,11 @@ def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Aud
                 hint="audit a rendered data set, for example demo",
             )
         digest = digest_recording(recording).whole
-        opened = OpenedSource(source=source, recording=recording, instance_of=instance_ids(recording))
+        instance_of = {track.track_id: track.instance_id or -1 for track in recording.tracks}
+        opened = OpenedSource(source=source, recording=recording, instance_of=instance_of)
         return work(opened), digest, opened.images, opened.problems
     except DataError as error:
         return error
-
-
-def instance_ids(recording: Recording) -> dict[str, int]:
-    """Instance id by track, -1 (which no pixel has) for a track that truth images do not know."""
-    return {track.track_id: -1 if track.instance_id is None else track.instance_id for track in recording.tracks}
 
 
 def same_objects(

@@ -103,18 +103,14 @@ def validate_recording(
         faults = (unusable(each) for each in (error, *error.others))
         return RecordingReport(name=handle.name, findings=_ordered(faults, handle.name))
     findings: list[Finding] = []
-    undecided: list[Undecided] = []
-    contents = [*recording.contents]
+    others: list[Undecided | Content] = [*recording.contents]
 
     def add(told: Iterable[Finding | Undecided | Content], file: object = "") -> None:
         for each in told:
-            match each:
-                case Undecided():
-                    undecided.append(each)
-                case Content():
-                    contents.append(each)
-                case Finding():
-                    findings.append(replace(each, file=each.file or str(file)))
+            if isinstance(each, Finding):
+                findings.append(replace(each, file=each.file or str(file)))
+            else:
+                others.append(each)
 
     for check, file in CHECKS:
         add(check(recording), file(recording))
@@ -144,8 +140,8 @@ def validate_recording(
     return RecordingReport(
         name=handle.name,
         findings=_ordered(findings, handle.name),
-        undecided=tuple(undecided),
-        contents=tuple(contents),
+        undecided=tuple(each for each in others if isinstance(each, Undecided)),
+        contents=tuple(each for each in others if isinstance(each, Content)),
         images=images,
         sweeps=Count(read=len(sweep_rows), all=len(recording.sweeps)),
     )

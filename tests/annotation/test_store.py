@@ -262,13 +262,3 @@ def test_a_hole_of_many_seconds_is_filled_near_the_key_frame_alone():
     filled = applied(decided(review, key("p1", 25, (25, 0, 1))))["p1"]
     np.testing.assert_array_equal(filled.motion.times_ns // STEP_NS, [*range(26), *range(80, 91)])
     assert reasons(filled) == ["hole of 54 sweeps"]
-
-
-def test_a_size_that_does_not_fit_the_class_is_a_doubt():
-    review = review_of(straight("p1"), straight("p2", size_m=(0.5, 1.8, 1.5)))
-    assert [reasons(track) for track in applied(review).values()] == [[], ["0.5 m is short for a vehicle"]]
-    person = set_class("p1", object_class="pedestrian")
-    wrong = ["4.0 m is long for a pedestrian", "2.0 m is wide for a pedestrian"]
-    assert reasons(applied(decided(review, person))["p1"]) == wrong
-    mended = key("p1", 3, (3, 0, 1), size_m=(0.8, 0.7, 1.7))
-    assert reasons(applied(decided(review, person, mended))["p1"]) == []

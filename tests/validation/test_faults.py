@@ -492,18 +492,18 @@ def test_neither_pavements_nor_scatter_nor_the_car_ahead_move_the_lane():
     z = np.where(np.abs(y) > 2.0, 0.10, -0.04) + rng.normal(0, 0.02, x.size)
     car = (x > 7.0) & (np.abs(y) < 0.9)
     z[car] = rng.uniform(0.15, 1.5, car.sum())
-    road = seen_road(np.column_stack([x, y, z]))
-    assert road.lane_height_m == pytest.approx(-0.04, abs=0.005)
-    assert abs(road.height_m + 0.04) > 0.05  # the lowest points of all cells tell less
+    height_m, _, lane_height_m = seen_road(np.column_stack([x, y, z]))
+    assert lane_height_m == pytest.approx(-0.04, abs=0.005)
+    assert abs(height_m + 0.04) > 0.05  # the lowest points of all cells tell less
 
 
 def test_a_lane_that_is_not_seen_or_leads_over_a_kerb_tells_no_height():
     """A plane through the road ahead and the pavement behind a kerb would lie below the road at the vehicle."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(2.6, 13.0, 0.2), np.arange(-6.0, 6.0, 0.2)))
     flat = np.column_stack([x, y, 0.0 * x])
-    assert seen_road(flat).lane_height_m == pytest.approx(0.0, abs=0.005)
-    assert np.isnan(seen_road(flat[np.abs(y) > 1.5]).lane_height_m)
-    assert np.isnan(seen_road(flat + np.outer(np.where(x > 5.0 + y, 0.12, 0.0), [0, 0, 1])).lane_height_m)
+    assert seen_road(flat)[2] == pytest.approx(0.0, abs=0.005)
+    assert np.isnan(seen_road(flat[np.abs(y) > 1.5])[2])
+    assert np.isnan(seen_road(flat + np.outer(np.where(x > 5.0 + y, 0.12, 0.0), [0, 0, 1]))[2])
 
 
 def test_of_many_boxes_at_one_place_some_pairs_are_listed_and_none_of_boxes_that_touch(tmp_path):

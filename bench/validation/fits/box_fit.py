@@ -18,15 +18,14 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.plain_text import counted
 from bench.recordings import Cuboid, PointIndices, Recording, Track
-from bench.records.recording import NOT_ANNOTATED
+from bench.records.recording import NOT_ANNOTATED, world_velocities
 from bench.reference.silhouette import left_out_ground
 from bench.times import SECOND_NS
 from bench.validation.findings import Finding, Severity, box_of, new_finding, object_field
-from bench.validation.fits.box_returns import MARGINS_M, Beams, Boxes, BoxPath, Near, returns_held
+from bench.validation.fits.box_returns import MARGINS_M, Beams, Boxes, Near, returns_held
 from bench.validation.fits.readings import BoxChange, Reading, box_readings
 
 if TYPE_CHECKING:
@@ -65,11 +64,14 @@ READ = int(_ENDS[-1])
 
 @dataclass(slots=True, kw_only=True)
 class _Tally:
-    """Counts of an object in all sweeps that were looked at.
+    """An object, with its motion by its own positions (stated velocities may be wrong), and its counts in all sweeps.
 
     Attributes:
-        track: the object.
-        path: its boxes.
+        track: the object, of N states.
+        times_ns: (N,) int64.
+        boxes: N, vehicle frame; None for point indices, where it is unclear, and without ego-motion.
+        over_ground_mps: (N, 3), world axes; 0 where unknown.
+        relative_mps: (N, 3), of the box in the vehicle frame, as the vehicle moves, too; 0 where unknown.
         counts: (readings, 3), see `Near.counts`.
         held: (11,), see `returns_held`.
         tried: sweeps near it.
@@ -83,7 +85,10 @@ class _Tally:
     """
 
     track: Track
-    path: BoxPath
+    times_ns: NDArray[np.int64]
+    boxes: tuple[Cuboid | None, ...]
+    over_ground_mps: Array
+    relative_mps: Array
     counts: Array
     held: Array = field(default_factory=lambda: np.zeros(len(MARGINS_M)))
     tried: int = 0
@@ -108,11 +113,7 @@ class BoxFit:
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self._readings = tuple(box_readings(recording))
-        rows = READ + len(self._readings)
-        self._tallies = [
-            _Tally(track=track, path=BoxPath.of(track, recording), counts=np.zeros((rows, 3)))
-            for track in recording.tracks
-        ]
+        self._tallies = [_tally(track, recording, READ + len(self._readings)) for track in recording.tracks]
 
     def add(self, sweep: LidarSweep) -> None:
         """Look at the states near a sweep."""
@@ -122,11 +123,11 @@ class BoxFit:
             return
         near = []
         for tally in self._tallies:
-            away_ns = np.abs(tally.path.times_ns - sweep.timestamp_ns)
+            away_ns = np.abs(tally.times_ns - sweep.timestamp_ns)
             if not len(away_ns) or away_ns.min() > NEAR_NS:
                 continue
             i = int(np.argmin(away_ns))
-            box, shape = tally.path.boxes[i], tally.track.states[i].shape
+            box, shape = tally.boxes[i], tally.track.states[i].shape
             if isinstance(shape, PointIndices):
                 _look_at_indices(tally, shape, sweep)
             elif box is not None and float(np.hypot(*box.vehicle_from_object.translation_m[:2])) < FAR_M:
@@ -137,22 +138,19 @@ class BoxFit:
 
     def _look_at(self, tally: _Tally, i: int, box: Cuboid, beams: Beams, *, in_every_reading: bool) -> None:
         tally.tried += 1
-        path, time_ns = tally.path, int(tally.path.times_ns[i])
-        rotations, positions_m, valid = self._recording.trajectory.at(path.times_ns[i : i + 1])
-        if not valid[0]:
-            return
-        world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
+        time_ns = int(tally.times_ns[i])
+        world_from_vehicle = self._recording.trajectory.world_from_vehicle(time_ns)
 
         def near(place: Cuboid, reach_m: float) -> Near:
             return beams.near(
                 place,
                 time_ns=time_ns,
                 vehicle_from_world=world_from_vehicle.inverse(),
-                velocity_mps=path.over_ground_mps[i],
+                velocity_mps=tally.over_ground_mps[i],
                 reach_m=reach_m,
             )
 
-        relative, opaque = path.relative_mps[i], tally.track.object_class == "vehicle"
+        relative, opaque = tally.relative_mps[i], tally.track.object_class == "vehicle"
         reach_m = min(0.8 + max(float(box.size_m.max()) / 2, 0.2 * float(np.linalg.norm(relative))), 4.0)
         around = near(box, reach_m)
         _look_inside(tally, box, around, time_ns)
@@ -225,6 +223,24 @@ class BoxFit:
             got = f"{now}; {shifted.max():.0%} if it were {' and '.join(_ways(shift_m))}"
             return new_finding("box-place", got, field=object_field(tally.track))
         return usual
+
+
+def _tally(track: Track, recording: Recording, rows: int) -> _Tally:
+    """An object that was not looked at yet, for so many rows of counts."""
+    times_ns = np.array([state.timestamp_ns for state in track.states], dtype=np.int64)
+    rotations, positions_m, valid = recording.trajectory.at(times_ns)
+    known = valid & ~np.array([state.unclear for state in track.states], dtype=bool)
+    boxes = tuple(box_of(state.shape) if good else None for state, good in zip(track.states, known, strict=True))
+    centres_m = np.full((len(boxes), 3), np.nan)
+    for row, box in enumerate(boxes):
+        if box is not None:
+            centres_m[row] = box.vehicle_from_object.translation_m
+    places_m = np.einsum("nij,nj->ni", rotations, centres_m) + positions_m
+    over_ground, relative = (np.nan_to_num(world_velocities(times_ns, places)) for places in (places_m, centres_m))
+    counts = np.zeros((rows, 3))
+    return _Tally(
+        track=track, times_ns=times_ns, boxes=boxes, over_ground_mps=over_ground, relative_mps=relative, counts=counts
+    )
 
 
 def _tried(box: Cuboid, relative_mps: NDArray[np.floating], read: list[Cuboid]) -> Boxes:

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
-from bench.recordings import Cuboid, Recording, Track
+from bench.recordings import Cuboid, Recording
 from bench.reference.sweeps import pose_sweep
 from bench.times import SECOND_NS
-from bench.validation.findings import box_of
 
 RING_M = 0.4  # around the box in which returns count as outside
 SLACK_M = 0.03  # scatter of ranges
@@ -195,50 +194,3 @@ class Beams:
 def _thinned(points: Vectors, most: int) -> tuple[Vectors, float]:
     step = max(int(np.ceil(len(points) / most)), 1)
     return points[::step], float(step)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BoxPath:
-    """The boxes of a track, with their motion by their own positions; stated velocities may be wrong.
-
-    Attributes:
-        times_ns: (N,) int64.
-        boxes: N, vehicle frame; None for point indices.
-        over_ground_mps: (N, 3), world axes; 0 where unknown.
-        relative_mps: (N, 3), of the box in the vehicle frame, as the vehicle moves, too; 0 where unknown.
-    """
-
-    times_ns: NDArray[np.int64]
-    boxes: tuple[Cuboid | None, ...]
-    over_ground_mps: Vectors
-    relative_mps: Vectors
-
-    @classmethod
-    def of(cls, track: Track, recording: Recording) -> BoxPath:
-        """Velocities from positions a quarter of a second apart."""
-        times_ns = np.array([state.timestamp_ns for state in track.states], dtype=np.int64)
-        boxes = tuple(None if state.unclear else box_of(state.shape) for state in track.states)
-        centres = np.array([np.full(3, np.nan) if box is None else box.vehicle_from_object.translation_m
-                            for box in boxes]).reshape(-1, 3)  # fmt: skip
-        rotations, positions_m, _ = recording.trajectory.at(times_ns)
-        world = np.einsum("nij,nj->ni", rotations, centres) + positions_m
-        return cls(
-            times_ns=times_ns,
-            boxes=boxes,
-            over_ground_mps=_velocities(times_ns, world),
-            relative_mps=_velocities(times_ns, centres),
-        )
-
-
-def _velocities(times_ns: NDArray[np.int64], places: Vectors) -> Vectors:
-    if len(times_ns) < 2:
-        return np.zeros((len(times_ns), 3))
-    rows = np.arange(len(times_ns))
-    first = np.searchsorted(times_ns, times_ns - SECOND_NS // 8)
-    last = np.searchsorted(times_ns, times_ns + SECOND_NS // 8, side="right") - 1
-    first, last = (
-        np.where(first == last, np.maximum(rows - 1, 0), first),
-        np.maximum(last, np.minimum(rows + 1, rows[-1])),
-    )
-    seconds = (times_ns[last] - times_ns[first]) / SECOND_NS
-    return np.asarray(np.nan_to_num((places[last] - places[first]) / seconds[:, None]))

@@ -81,7 +81,9 @@ def camera_verdict(recording: Recording, camera: MountedCamera) -> Finding | Und
     best = min(fits.values(), key=lambda fit: fit.cost)
     told = {cause: fit for cause, fit in fits.items() if _explains(cause, fit, clean) and _is_large(cause, fit)}
     if best.share < LEAST_STATIC:
-        return _unlike(camera, clean, best)
+        got = f"{100 * clean.share:.0f} % of it; {100 * best.share:.0f} % by the calibration or clock that fits best"
+        field, flow = f"cameras.{camera.name}, images of {camera.name}", EXPECTED.format(camera.name)
+        return new_finding("camera-flow", got, field=field, flow=flow, least=100 * LEAST_STATIC)
     if best.share < SURE:
         doubt = f"only {100 * best.share:.0f} % of the flow is that of a static world"
         cause = next((cause for cause in TOLD_AS_DOUBT if _stands_out(cause, told, fits)), None)
@@ -124,6 +126,13 @@ def _explains(cause: str, fit: Fit, clean: Fit) -> bool:
     if cause == "rotation" and clean.residual_px - fit.residual_px < max(share * clean.residual_px, px):
         least *= max(float(np.abs(fit.values[SLICES[cause]]).max()) / UNKNOWNS[cause].smallest, 1.0)
     return gain > least and of_flow > -AGAINST * gain
+
+
+def _is_large(cause: str, fit: Fit) -> bool:
+    """A number of a cause is large, and certainly not small."""
+    sizes, sigmas, smallest = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]], UNKNOWNS[cause].smallest
+    large = sizes > np.maximum(smallest, SIGMAS * sigmas)
+    return bool((large & (sizes - INTERVAL * sigmas > smallest / 2)).any())
 
 
 def _stands_out(cause: str, told: Mapping[str, Fit], fits: Mapping[str, Fit]) -> bool:
@@ -185,12 +194,6 @@ def _best_reading(
     return (reading, fitting) if fitting.share > enough else None
 
 
-def _unlike(camera: MountedCamera, clean: Fit, best: Fit) -> Finding:
-    got = f"{100 * clean.share:.0f} % of it; {100 * best.share:.0f} % by the calibration or clock that fits best"
-    field, flow = f"cameras.{camera.name}, images of {camera.name}", EXPECTED.format(camera.name)
-    return new_finding("camera-flow", got, field=field, flow=flow, least=100 * LEAST_STATIC)
-
-
 def _misread(camera: MountedCamera, clean: Fit | None, reading: Reading[MountedCamera], best: Fit) -> Finding:
     before = "none of it is in the image" if clean is None else f"{clean.residual_px:.1f} px off"
     return new_finding(
@@ -200,13 +203,6 @@ def _misread(camera: MountedCamera, clean: Fit | None, reading: Reading[MountedC
         hint=f"the camera's calibration fits with {reading.description}: correct it",
         flow=EXPECTED.format(camera.name),
     )
-
-
-def _is_large(cause: str, fit: Fit) -> bool:
-    """A number of a cause is large, and certainly not small."""
-    sizes, sigmas, smallest = np.abs(fit.values[SLICES[cause]]), fit.sigmas[SLICES[cause]], UNKNOWNS[cause].smallest
-    large = sizes > np.maximum(smallest, SIGMAS * sigmas)
-    return bool((large & (sizes - INTERVAL * sigmas > smallest / 2)).any())
 
 
 # Field of the camera that a cause is in, units in one of its numbers, and digits that are told.

@@ -63,6 +63,8 @@ def lidar_edges(placed: PosedSweep, heights_m: NDArray[np.float64], usable: NDAr
     ranges_m, world = np.linalg.norm(points, axis=1), placed.points_world()
     possible = usable & (ranges_m > SPAN_M[0]) & (ranges_m < SPAN_M[1])
     edges, ends = [nothing], [nothing]
+    # Short ways turn into the world's axes with the pose in the middle of the sweep.
+    world_from_sensor = placed.rotations[len(placed.rotations) // 2] @ placed.lidar_from_sensor.rotation
     for side, beyond in enumerate(grid.neighbours):
         jumps = (beyond >= 0) & (ranges_m[beyond] - ranges_m > np.maximum(JUMP_M, JUMP * ranges_m))
         along = [UP, DOWN] if side in (LEFT, RIGHT) else [LEFT, RIGHT]
@@ -73,16 +75,10 @@ def lidar_edges(placed: PosedSweep, heights_m: NDArray[np.float64], usable: NDAr
         # Halfway to the next beam, at the range of the return: the edge lies somewhere between the two.
         ahead = points[rows] / ranges_m[rows, None] + points[beyond[rows]] / ranges_m[beyond[rows], None]
         ahead *= (ranges_m[rows] / np.linalg.norm(ahead, axis=1))[:, None]
-        edges.append(world[rows] + _turned(placed, ahead - points[rows]))
+        edges.append(world[rows] + (ahead - points[rows]) @ world_from_sensor.T)
         direction = world[one[rows]] - world[other[rows]]
         ends.append(edges[-1] + 0.05 * direction / np.linalg.norm(direction, axis=1)[:, None])
     return np.stack([np.concatenate(edges), np.concatenate(ends)])
-
-
-def _turned(placed: PosedSweep, vectors_sensor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Short vectors from the sensor's axes into those of the world, with the pose in the middle of the sweep."""
-    rotation = placed.rotations[len(placed.rotations) // 2] @ placed.lidar_from_sensor.rotation
-    return np.asarray(vectors_sensor @ rotation.T)
 
 
 def image_edges(image: NDArray[np.uint8], camera: MountedCamera) -> NDArray[np.int16]:

@@ -86,7 +86,6 @@ MOST_USUAL = 4.0  # standard deviations of good drives; beyond them a drive is n
 STEP_M = 0.0015  # error of a step: noise, cells, and what constant motion over two sweeps leaves out
 SOFT_M = 0.02  # error of a step beyond which it counts less: a match that slipped
 LONGEST_LATE_S = 0.2  # of clocks that are tried
-STEP = float(np.finfo(np.float64).eps ** 0.5)  # of numeric derivatives, part of a value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,11 +100,10 @@ class Mounting:
     level_from_vehicle: Array
     lever_m: Array
 
-    def axes(self, yaw_rad: Array | float) -> Array:
-        """(..., 2, 2) float64, `level_from_vehicle` with the lidar turned to the left on the vehicle by (...) rad."""
+    def axes(self, yaw_rad: float) -> Array:
+        """(2, 2) float64, `level_from_vehicle` with the lidar turned to the left on the vehicle."""
         cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-        turn = np.stack([np.stack([cosine, sine], axis=-1), np.stack([-sine, cosine], axis=-1)], axis=-2)
-        return np.asarray(self.level_from_vehicle @ turn)
+        return np.asarray(self.level_from_vehicle @ np.array([[cosine, sine], [-sine, cosine]]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -195,11 +193,9 @@ class Odometry:
         )
 
     def between(self, first_s: Array, last_s: Array) -> Array:
-        """(..., 3) float64, motion between times (...); NaN beyond the ends."""
+        """(K, 3) float64, motion between times (K,); NaN beyond the ends."""
         first, last = (
-            np.stack(
-                [np.interp(at_s, self.seconds, way, left=np.nan, right=np.nan) for way in self.travelled.T], axis=-1
-            )
+            np.column_stack([np.interp(at_s, self.seconds, way, left=np.nan, right=np.nan) for way in self.travelled.T])
             for at_s in (first_s, last_s)
         )
         return np.asarray(last - first)
@@ -228,22 +224,16 @@ class Fit:
         return float(self.values[i]), float(self.sigma[i])
 
 
-def _predicted(steps: LevelSteps, odometry: Odometry, mounting: Mounting, values: Array) -> Array:
-    """(..., K, 3) float64, motion of the lidar in the level frame by values (..., 5), as in `Fit`."""
-    late_s, speed, turn, bias_radps, yaw_rad = np.moveaxis(values[..., None], -2, 0)
-    moved = odometry.between(steps.first_s - late_s, steps.last_s - late_s)
-    turned = turn * moved[..., 2] + bias_radps * (steps.last_s - steps.first_s)
-    sideways = np.array([-mounting.lever_m[1], mounting.lever_m[0]])
-    path = speed[..., None] * moved[..., :2] + turned[..., None] * sideways
-    level_from_vehicle = mounting.axes(yaw_rad[..., 0])
-    mirror = np.linalg.det(mounting.level_from_vehicle)
-    return np.concatenate([path @ level_from_vehicle.swapaxes(-1, -2), turned[..., None] * mirror], axis=-1)
-
-
 def _errors(steps: LevelSteps, odometry: Odometry, mounting: Mounting, values: Array) -> Array:
-    """(..., K, 3) float64, distances in m that values (..., 5) leave between sweeps; 0 without odometry."""
-    error = _predicted(steps, odometry, mounting, values) - steps.motion
-    return np.asarray(np.nan_to_num(np.einsum("kij,...kj->...ki", steps.root, error)))
+    """(K, 3) float64, distances in m that values (5,), as in `Fit`, leave between sweeps; 0 without odometry."""
+    late_s, speed, turn, bias_radps, yaw_rad = values
+    moved = odometry.between(steps.first_s - late_s, steps.last_s - late_s)
+    turned = turn * moved[:, 2] + bias_radps * (steps.last_s - steps.first_s)
+    sideways = np.array([-mounting.lever_m[1], mounting.lever_m[0]])
+    path_m = (speed * moved[:, :2] + turned[:, None] * sideways) @ mounting.axes(yaw_rad).T
+    mirror = np.linalg.det(mounting.level_from_vehicle)
+    error = np.column_stack([path_m, turned * mirror]) - steps.motion
+    return np.asarray(np.nan_to_num(np.einsum("kij,kj->ki", steps.root, error)))
 
 
 def fitted(
@@ -272,20 +262,10 @@ def fitted(
         errors = _errors(steps, odometry, mounting, STATED + scaled * USUAL)
         size = np.linalg.norm(errors, axis=-1, keepdims=True) / SOFT_M
         less = np.sqrt(np.log1p(size**2)) / np.maximum(size, 1e-9)  # Cauchy
-        weighed = (errors * less / STEP_M).reshape(*scaled.shape[:-1], -1)
-        return np.concatenate([weighed, prior * scaled], axis=-1)
-
-    def slopes(scaled: Array) -> Array:
-        """By forward differences, all in one call, into the bounds."""
-        step = STEP * np.where(scaled < 0.0, -1.0, 1.0) * np.maximum(1.0, np.abs(scaled))
-        step = np.where(np.abs(scaled + step) > limit, -step, step)
-        moved = scaled + np.diag(step)
-        at, *beside = residuals(np.vstack([scaled, moved]))
-        return np.asarray((np.array(beside) - at).T / (np.diag(moved) - scaled))
+        return np.concatenate([(errors * less / STEP_M).ravel(), prior * scaled])
 
     fits = [
-        least_squares(residuals, (start - STATED) / USUAL, jac=slopes, bounds=(-limit, limit), x_scale="jac")
-        for start in starts
+        least_squares(residuals, (start - STATED) / USUAL, bounds=(-limit, limit), x_scale="jac") for start in starts
     ]
     best = min(fits, key=lambda fit: fit.cost)
     values = STATED + best.x * USUAL

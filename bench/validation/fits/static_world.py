@@ -262,7 +262,8 @@ class _Verdict:
         best = min(tried, key=lambda one: one.cost)
         # A small cause that explains as much comes first: half a degree is not a mirror.
         explained = any(one.cost < AS_GOOD * best.cost + 20.0 for one in small)
-        if not self._upright or (self._clearly_better(best.fit) and not explained):
+        clearly = best.fit.apart_m < BETTER * self._stated.apart_m - BETTER_M
+        if not self._upright or (clearly and not explained):
             yield self._gross(*self._by_witnesses(tried))
         elif (mirrored := self._mirrored_unseen(tried)) is not None:
             yield self._gross(*mirrored)
@@ -283,9 +284,6 @@ class _Verdict:
         for reading in pose_readings(self._recording.trajectory) if self._upright else ():
             fit = fitted(steps, Odometry.of(reading.undo, steps.epoch_ns), stated)
             yield Hypothesis(mounting=stated, fit=fit, reading=reading)
-
-    def _clearly_better(self, fit: Fit) -> bool:
-        return fit.apart_m < BETTER * self._stated.apart_m - BETTER_M
 
     def _near_stated(self, one: Hypothesis) -> bool:
         """One quantity is fitted, and the mounting is the stated one."""

@@ -160,15 +160,15 @@ def _tilt(track: Track) -> Iterator[Finding]:
 def _above_road(recording: Recording) -> Iterator[Finding]:
     """Bottoms of near boxes: centres taken for bottoms, or the other way round, put all off by half a height."""
     road_m = recording.ground_m
-    every: list[float] = []
-    for track in recording.tracks:
-        gaps = [
-            float(box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2) - road_m
+    gaps_m = (
+        [
+            box.vehicle_from_object.translation_m[2] - box.size_m[2] / 2 - road_m
             for _, box in boxes_of(track)
             if np.hypot(*box.vehicle_from_object.translation_m[:2]) < NEAR_M
         ]
-        if gaps:
-            every.append(float(np.median(gaps)))
+        for track in recording.tracks
+    )
+    every = [np.median(gaps) for gaps in gaps_m if gaps]
     off_m = np.median(every) if every else 0.0
     if abs(off_m) > OFF_ROAD_M:
         side = "above" if off_m > 0 else "below"

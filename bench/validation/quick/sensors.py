@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import blake2b
 
 import cv2
@@ -166,40 +166,27 @@ LANE_SLOPE = 0.01  # along it; one that climbs by more leads over a kerb
 LANE_SLABS_M = (0.3, 0.15, 0.08, 0.06, 0.06)  # half a slab around the plane, in each round
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeenRoad:
-    """The road of one sweep.
-
-    Attributes:
-        height_m: of the plane of all that is low around the vehicle, below the vehicle's origin, vehicle frame; some
-            centimetres off where there are pavements, or where points scatter.
-        tilt_rad: of that plane to the vehicle's xy plane.
-        lane_height_m: the same for the vehicle's own lane, to about a centimetre; NaN where too little of it is seen,
-            or it leads over a kerb.
-    """
-
-    height_m: float
-    tilt_rad: float
-    lane_height_m: float
-
-
-def seen_road(points_vehicle: NDArray[np.float64]) -> SeenRoad | None:
+def seen_road(points_vehicle: NDArray[np.float64]) -> tuple[float, float, float] | None:
     """Fit a plane to the lowest points of cells around the vehicle, then one to its lane.
 
     Args:
         points_vehicle: (N, 3) float64, m, vehicle frame.
 
     Returns:
+        height: m, of the plane of all that is low around the vehicle, below the vehicle's origin, vehicle frame; some
+            centimetres off where there are pavements, or where points scatter.
+        tilt: rad, of that plane to the vehicle's xy plane.
+        lane_height: m, the same for the vehicle's own lane, to about a centimetre; NaN where too little of it is seen,
+            or it leads over a kerb.
+
         None where too little of the road is seen.
     """
     away_m = np.hypot(points_vehicle[:, 0], points_vehicle[:, 1])
     near = points_vehicle[(away_m > RING_M[0]) & (away_m < RING_M[1])]
     if len(near) < LEAST_CELLS:
         return None
-    cell = np.floor(near[:, :2] / CELL_M).astype(np.int64)
-    _, number, count = np.unique(cell[:, 0] * 100_000 + cell[:, 1], return_inverse=True, return_counts=True)
-    lowest = near[np.lexsort((near[:, 2], number))][np.concatenate([[0], np.cumsum(count)[:-1]])]
-    lowest = lowest[count >= CELL_POINTS]
+    heights_of_cells = pd.Series(near[:, 2]).groupby([*(near[:, :2] // CELL_M).T])
+    lowest = near[heights_of_cells.idxmin()[heights_of_cells.size() >= CELL_POINTS]]
     if len(lowest) < LEAST_CELLS:
         return None
     heights = np.sort(lowest[:, 2])
@@ -211,11 +198,7 @@ def seen_road(points_vehicle: NDArray[np.float64]) -> SeenRoad | None:
         if rows.sum() < max(LEAST_CELLS, LEAST_SHARE * len(lowest)):
             return None
         plane = np.linalg.lstsq(design[rows], lowest[rows, 2], rcond=None)[0]
-    return SeenRoad(
-        height_m=float(plane[2]),
-        tilt_rad=float(np.arctan(np.hypot(plane[0], plane[1]))),
-        lane_height_m=_lane_height_m(near, plane),
-    )
+    return float(plane[2]), float(np.arctan(np.hypot(plane[0], plane[1]))), _lane_height_m(near, plane)
 
 
 def _lane_height_m(points_vehicle: NDArray[np.float64], plane: NDArray[np.float64]) -> float:
@@ -266,7 +249,7 @@ def check_sweeps(
         look: called with each sweep whose points are where a lidar can see them.
         progress: called after every sweep.
     """
-    counts, faults, roads, digests = dict[int, int](), Faults(), list[SeenRoad](), set[bytes]()
+    counts, faults, roads, digests = dict[int, int](), Faults(), list[tuple[float, float, float]](), set[bytes]()
     read, unread, lost = dict.fromkeys("xyz"), dict[str, None](), 0
     for row in rows:
         reference = recording.sweeps[row]
@@ -373,12 +356,10 @@ def _sweep_findings(faults: Faults, counts: dict[int, int], unread: dict[str, No
             yield replace(finding, hint=finding.hint + more) if kind == "point-times-missing" else finding
 
 
-def _road(roads: list[SeenRoad], recording: Recording) -> Iterator[Finding]:
+def _road(roads: list[tuple[float, float, float]], recording: Recording) -> Iterator[Finding]:
     if len(roads) < LEAST_ROADS:
         return
-    heights_m, tilts_rad, lanes_m = (
-        np.array([getattr(road, name) for road in roads]) for name in ("height_m", "tilt_rad", "lane_height_m")
-    )
+    heights_m, tilts_rad, lanes_m = np.array(roads).T
     lanes_m = lanes_m[~np.isnan(lanes_m)]
     stated_m, file, field = recording.ground_m, calibration_file(recording), "lidar.vehicle_from_lidar"
     if abs(np.median(heights_m) - stated_m) > ROAD_OFF_M:
