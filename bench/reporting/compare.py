@@ -420,8 +420,8 @@ def verdict_line(comparison: RunComparison) -> str:
     for shown in Shown:
         names = [label for metric, label in HEADLINES.items() if overall.get(metric) == shown]
         if names:
-            said.append(f"{shown.value}: {'; '.join(names)}")
-    return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
+            said.append(f"{shown.value.capitalize()}: {'; '.join(names)}.")
+    return f"{comparison.after.label} against {comparison.before.label}, over everything. {' '.join(said)}"
 
 
 def terminal_report(comparison: RunComparison) -> list[Block]:

@@ -557,7 +557,8 @@ def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: i
             )  # fmt: skip
         axes.text(
             0.01, 0.015, f"arrows {times} times as long as the flow; the median of the differences is said above",
-            transform=axes.transAxes, fontsize=5.5, color="white",
+            transform=axes.transAxes, fontsize=5.5,
+            bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.8},
         )  # fmt: skip
     axes.set_title(f"(c) flow of what stands: predicted red, seen blue{told}", pad=3)
 

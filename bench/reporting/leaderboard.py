@@ -431,9 +431,9 @@ NOTES = (
     "In percent, of the images that all runs of a table scored: at least "
     f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
     "Ranked by IoU over all moving object-frames, an undetected one having 0. A false positive is large if it has more "
-    "pixels than the protocol states; coverage hides it. Best is a method only where `compare` "
-    "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
-    "objects cost no IoU of objects; the IoU of pixels counts them.",
+    "pixels than the protocol states; coverage hides it. Best is a method only where `compare` shows it better than "
+    "each of the others; else it is the first, and those that are not shown to be behind it are “or 1”. Specks apart "
+    "from objects cost no IoU of objects; the IoU of pixels counts them.",
     f"Ceiling: {formats.CEILING}. Oracles are given what no method may know. Cost: median time of the method alone for "
     "an image, in one thread. Verified: `verify` counted the run again on this machine. Shipped: a row that comes with "
     "the package, not compared in pairs.",
