@@ -193,7 +193,7 @@ def _lines(title: str, unit: str) -> Iterator[Report]:
         pause_s = FIRST_LINE_S
         while not ended.wait(pause_s):
             (done, total), elapsed_s = last, monotonic() - started
-            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if done else ""
+            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if 0 < done < total else ""
             say(f"{title}: {int(done)}/{total or '?'} {unit} after {elapsed_s:.0f} s{left}", to_errors=True)
             pause_s = max(FIRST_LINE_S, elapsed_s / 10)
 
