@@ -38,8 +38,9 @@ def parsed_number(text: str) -> float:
 
 
 def counted(count: int, what: str) -> str:
-    """A number of things: "1 error", "2 errors", "2 processes"."""
-    return f"{count} {what}{'' if count == 1 else 'es' if what.endswith('s') else 's'}"
+    """A number of things: "1 error", "2 errors", "2 processes", "2 patches"."""
+    ending = "es" if what.endswith(("s", "x", "z", "ch", "sh")) else "s"
+    return f"{count} {what}{'' if count == 1 else ending}"
 
 
 def listed(names: Sequence[str], most: int = 5) -> str:

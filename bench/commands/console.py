@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, contextmanager
 from enum import IntEnum
 from io import TextIOWrapper
 from pathlib import Path
+from threading import Event, Thread
 from time import monotonic
 from types import FrameType
 from typing import IO, TYPE_CHECKING
@@ -169,7 +170,8 @@ def progress_bar(title: str, unit: str, progress: Report | None = None) -> Itera
     elif verbosity() < Verbosity.USUAL:
         yield lambda *_: None
     elif not terminal.is_terminal:
-        yield _lines(title, unit)
+        with _lines(title, unit) as report:
+            yield report
     else:
         of_all, left = MofNCompleteColumn(), TimeRemainingColumn()
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), of_all, TextColumn(unit))
@@ -178,18 +180,28 @@ def progress_bar(title: str, unit: str, progress: Report | None = None) -> Itera
             yield lambda done, total: bar.update(task, completed=done, total=total or None)
 
 
-def _lines(title: str, unit: str) -> Report:
-    """Reports progress as "scoring: 120/580 images after 20 s"."""
-    started, last_s = monotonic(), 0.0
+@contextmanager
+def _lines(title: str, unit: str) -> Iterator[Report]:
+    """Print "scoring: 120/580 images after 20 s, about 77 s left" now and then, also where nothing new is reported."""
+    started, last, ended = monotonic(), (0.0, 0), Event()
 
     def report(done: float, total: int) -> None:
-        nonlocal last_s
-        elapsed_s = monotonic() - started
-        if elapsed_s - last_s >= max(FIRST_LINE_S, elapsed_s / 10):
-            last_s = elapsed_s
-            say(f"{title}: {int(done)}/{total} {unit} after {elapsed_s:.0f} s", to_errors=True)
+        nonlocal last
+        last = done, total
 
-    return report
+    def print_lines() -> None:
+        pause_s = FIRST_LINE_S
+        while not ended.wait(pause_s):
+            (done, total), elapsed_s = last, monotonic() - started
+            left = f", about {elapsed_s * (total - done) / done:.0f} s left" if 0 < done < total else ""
+            say(f"{title}: {int(done)}/{total or '?'} {unit} after {elapsed_s:.0f} s{left}", to_errors=True)
+            pause_s = max(FIRST_LINE_S, elapsed_s / 10)
+
+    Thread(target=print_lines, daemon=True).start()
+    try:
+        yield report
+    finally:
+        ended.set()
 
 
 def resumable(folder: object) -> AbstractContextManager[None]:

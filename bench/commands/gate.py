@@ -118,28 +118,21 @@ def show(verdict: Verdict, *, junit: Place = None, json: Place = None, github: F
 
 
 def _print_verdict(verdict: Verdict) -> None:
-    """Print what changed, the overall rows, where most was lost, and how to compare the two; then the other rows."""
+    """Print what is read first, how to compare the two runs, then the other rows."""
+    from bench.gate import Outcome
     from bench.gate.baseline import how_to_compare
-    from bench.gate.verdict import Outcome, folded_lines, main_rows, overall_rows, worst_line
-    from bench.reporting.verdict import CAPTION, head_lines, row_table
+    from bench.reporting.verdict import first_blocks, other_blocks
 
+    assert verdict.baseline is not None
+    assert verdict.run is not None
     say(verdict.headline, style="green" if verdict.passed else "bold red")
     note(f"baseline {verdict.baseline_folder}")
-    print_blocks(head_lines(verdict))
-    if rows := overall_rows(verdict):
-        print_blocks([row_table(rows)])
-    if worst := worst_line(verdict):
-        say(worst)
+    print_blocks(first_blocks(verdict))
     if not verdict.stored and (not verdict.passed or verdict.rows_with(Outcome.SUSPECT)):
-        assert verdict.baseline is not None
-        assert verdict.run is not None
         for line in how_to_compare(verdict.baseline, verdict.run, folder=verdict.run_folder):
             say(line)
-    if rows := main_rows(verdict):
-        print_blocks([row_table(rows, caption=CAPTION)])
-    if folded := folded_lines(verdict):
-        for line in [*folded, "--json FILE has all rows"]:
-            say(line, style="dim")
+    print_blocks(other_blocks(verdict))
+    note("--json FILE has all rows")
 
 
 command = judge  # `bench.gate` is a package

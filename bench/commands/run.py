@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from bench.evaluation import ObjectMetrics
     from bench.execution import TaskExecutor
-    from bench.harness import Provenance, RunRequest, RunSummary, ScoredPart, StoredRun
+    from bench.harness import RunRequest, RunSummary, ScoredPart, StoredRun
     from bench.harness.manifest import Manifest
     from bench.methods import Scorable
     from bench.recordings import DatasetCard
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 RUNS = Path("reports/runs")
 PROTOCOLS = "surface-v1,paper-v1"  # that a run is scored by where none is named
 PURPOSES = {"paper-v1": "the paper's rules", "surface-v1": "the rules of the leaderboard"}
-READ_FIRST = ("summary.json", "table.md")
 RunFolder = Annotated[str | Path | None, typer.Option(metavar="FOLDER"), TEXT]
 
 
@@ -311,6 +310,7 @@ def score(
         DataError: nothing of the data set could be used, or the folder holds another run.
     """
     from bench.harness import run_benchmark
+    from bench.harness.stored import SUMMARY
     from bench.reporting.run_tables import write_report_files
 
     title = f"scoring {request.method.name} on {request.card.name}"
@@ -319,21 +319,22 @@ def score(
         with console.progress_bar(title, "images", progress) as report:
             results = run_benchmark(request, executor=executor, progress=report)
         for stored in results:
-            files, missing = [stored.folder / READ_FIRST[0], *write_report_files(stored)], list[str]()
+            files, missing = [stored.folder / SUMMARY, *write_report_files(stored)], list[str]()
             if pictures:
                 from bench.reporting.frame_pictures import write_example_pictures  # matplotlib, which no table needs
 
                 with console.progress_bar("drawing", "pictures") as drawing:
                     drawn, missing = write_example_pictures(stored, card=request.card, progress=drawing)
                 files += drawn
-            files.sort(key=lambda file: file.name not in READ_FIRST)
-            missing = [f"no picture: {reason}" for reason in missing]
-            runs.append(Run(folder=stored.folder, files=tuple(files), remarks=(*remarks, *missing)))
+            told = (*remarks, *(f"no picture: {reason}" for reason in missing))
+            runs.append(Run(folder=stored.folder, files=tuple(files), remarks=told))
     return replace(runs[0], others=tuple(runs[1:]))
 
 
 def show(scored: Run) -> int:
     """Print the run, or what was done of a part of one."""
+    from bench.reporting.run_tables import cost_lines
+
     part = scored.part
     if part is None:
         return print_runs(scored)
@@ -341,7 +342,8 @@ def show(scored: Run) -> int:
     of_part = f"{done} of {counted(len(part.tasks), 'task')} of this part done in {scored.folder}"
     console.say(f"{of_part}, of {part.tasks_of_run} in all")
     console.say("next, when all parts are done: the same command without --shard")
-    _print_cost(part.provenance(images=0))
+    for line in cost_lines(part.provenance(images=0)):
+        console.note(line)
     console.print_failures(part.failures, all_in="the summary.json of the finished run")
     return console.FAILURES if part.failures else 0
 
@@ -376,7 +378,8 @@ def print_runs(first: Run) -> int:
         for line in run_tables.total_lines(summary, run.stored.protocol):
             console.note(line)
     console.print_blocks([Paragraph(run_tables.legend(all_rows, short=True), "dim")])
-    _print_cost(first.summary.provenance)
+    for line in run_tables.cost_lines(first.summary.provenance):
+        console.note(line)
     failures = [*dict.fromkeys(failure for run in runs for failure in run.summary.failures)]
     _print_failures(first, failures)
     for run in runs:
@@ -396,11 +399,3 @@ def _print_failures(run: Run, failures: Sequence[str]) -> None:
         place = ["--recording", row["recording"], "--camera", row["camera"], "--time-ns", str(row["timestamp_ns"])]
         words = ["fisheye-bench", "-v", "view", run.manifest.dataset.card, *run.manifest.method.options(), *place]
         console.say(f"the traceback of the first: {shlex.join(words)}")
-
-
-def _print_cost(made: Provenance) -> None:
-    """Print what a run had to compute, and the time and memory that it took."""
-    from bench.reporting.run_tables import cost_lines
-
-    for line in cost_lines(made):
-        console.note(line)

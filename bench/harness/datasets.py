@@ -89,7 +89,7 @@ class Dataset:
     def frames(
         self,
         *,
-        protocol: str | Path = "paper-v1",
+        protocol: str | Path = "surface-v1",
         recordings: Sequence[str] | None = None,
         camera: str | None = None,
         history: int = 1,

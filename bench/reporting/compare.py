@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -420,8 +419,8 @@ def verdict_line(comparison: RunComparison) -> str:
     for shown in Shown:
         names = [label for metric, label in HEADLINES.items() if overall.get(metric) == shown]
         if names:
-            said.append(f"{shown.value}: {'; '.join(names)}")
-    return f"{comparison.after.label} against {comparison.before.label}, over everything: {'. '.join(said)}."
+            said.append(f"{shown.value.capitalize()}: {'; '.join(names)}.")
+    return f"{comparison.after.label} against {comparison.before.label}, over everything. {' '.join(said)}"
 
 
 def terminal_report(comparison: RunComparison) -> list[Block]:
@@ -527,11 +526,8 @@ def _frame_table(frames: pd.DataFrame) -> Table:
 
 def frame_title(frame: Mapping[Any, Any]) -> str:
     """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)", of `CHANGED`."""
-    return f"{_headline(frame)} ({frame['recording']}, {frame['camera']}, {frame['timestamp_ns'] / 1e6:.0f} ms)"
-
-
-def _headline(frame: Mapping[Any, Any]) -> str:
-    return f"{frame['kind']}: {frame['what']}" if frame["what"] else str(frame["kind"])
+    what = f"{frame['kind']}: {frame['what']}" if frame["what"] else frame["kind"]
+    return f"{what} ({frame['recording']}, {frame['camera']}, {frame['timestamp_ns'] / 1e6:.0f} ms)"
 
 
 def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:
@@ -589,20 +585,14 @@ def _with_pictures(comparison: RunComparison, progress: Progress | None) -> RunC
         for run, method in zip(runs, comparison.methods, strict=True)
     ]
     largest = comparison.frames.groupby("kind", sort=False).head(PICTURED).to_dict("records")
-    titles = {frame_title(frame): frame for frame in largest}
-    images = {title: (frame["recording"], frame["camera"], frame["timestamp_ns"]) for title, frame in titles.items()}
+    keys = {frame_title(row): (row["recording"], row["camera"], row["timestamp_ns"]) for row in largest}
 
-    def draw(key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline) -> dict[str, str]:
+    def draw(key: tuple[str, str, int], both: Sequence[ProcessedFrame], _: FramePipeline) -> str:
         layers = [scored_layers(processed, label=label) for processed, label in zip(both, labels, strict=True)]
-        return {
-            title: figure_uri(draw_frames(layers, name=formats.image_name(*key), title=_headline(frame)))
-            for title, frame in titles.items()
-            if images[title] == key
-        }
+        return figure_uri(draw_frames(layers, name=formats.image_name(*key)))
 
-    drawn, problems = draw_images(runs, images.values(), draw, progress=progress)
-    addresses = ChainMap(*drawn.values())
-    pictures = tuple(Picture(addresses[title], title, title) for title in titles if title in addresses)
+    drawn, problems = draw_images(runs, keys.values(), draw, progress=progress)
+    pictures = tuple(Picture(drawn[key], title, title) for title, key in keys.items() if key in drawn)
     return replace(comparison, pictures=pictures, remarks=tuple(f"no picture: {problem}" for problem in problems))
 
 

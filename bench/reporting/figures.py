@@ -335,38 +335,24 @@ HEADLINE_STYLES = {
     "detection_rate_50": (BLUE, "o"),
     "false_positive_coverage": (VERMILION, "D"),
 }
-LOG_FROM = 10.0  # ratio of the largest to the smallest value from which the axis is logarithmic
 
 
 @styled
 def draw_sweep(setting: str, values: Mapping[str, Mapping[str, Metric]], *, title: str) -> Figure:
-    """Draw the headline metrics of every value of a setting, in percent, with their 95 % intervals."""
+    """Draw the headline metrics of every value of a setting, in percent, with their 95 % intervals, side by side."""
     figure = new_figure(5.2, 3.4, layout="constrained")
     axes = figure.add_subplot()
-    places = np.array(_place_values(axes, list(values)))
-    order = np.argsort(places, kind="stable")
     for name in next(iter(values.values())):
         colour, marker = HEADLINE_STYLES[name]
         metrics = [of_value[name] for of_value in values.values()]
         low, high = 100 * np.array([metric.ci95 or (math.nan, math.nan) for metric in metrics]).T
-        axes.vlines(places, low, high, color=colour, linewidth=1.0, alpha=0.6)
-        shown = 100 * np.array([metric.value for metric in metrics])
-        axes.plot(places[order], shown[order], color=colour, marker=marker, markersize=3.5, linewidth=1.0,
+        axes.vlines(list(values), low, high, color=colour, linewidth=1.0, alpha=0.6)
+        shown = [100 * metric.value for metric in metrics]
+        axes.plot(list(values), shown, color=colour, marker=marker, markersize=3.5, linewidth=1.0,
                   label=find_metric(name).label)  # fmt: skip
     axes.set(xlabel=setting, ylabel="percent", ylim=(-2, 102))
+    axes.tick_params(axis="x", labelrotation=20)
     axes.grid(color=LIGHT_GREY, linewidth=0.4)
     axes.set_title(f"{title}\nwith 95 % intervals, by recording", loc="left", pad=18)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 0.99), ncols=4, frameon=False, handletextpad=0.3)
     return figure
-
-
-def _place_values(axes: Axes, values: Sequence[str]) -> list[float]:
-    """Set the axis of the values and return where each stands: by its number, or one after the other."""
-    try:
-        numbers = [float(value) for value in values]
-    except ValueError:
-        axes.set_xticks(range(len(values)), list(values), rotation=20, ha="right")
-        return [float(number) for number in range(len(values))]
-    if min(numbers) > 0 and max(numbers) >= LOG_FROM * min(numbers):
-        axes.set_xscale("log")
-    return numbers

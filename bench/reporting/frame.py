@@ -350,13 +350,12 @@ _MARGIN_IN, _LINE_IN, _NAME_IN = 0.04, 0.13, 0.18
 
 
 @figures.styled
-def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figure:
+def draw_frames(layers: Sequence[Layers], *, name: str) -> Figure:
     """Draw an image with one or several sets of layers beside each other, under one name and above one legend.
 
     Args:
         layers: at least one, of the same image.
         name: of the image.
-        title: a line above all; empty for none.
 
     Returns:
         A figure whose size depends only on the size of the image and on which texts are there. A pixel of the image
@@ -369,13 +368,11 @@ def draw_frames(layers: Sequence[Layers], *, name: str, title: str = "") -> Figu
     scale = -(-int(LEAST_WIDTH_IN * figures.DPI) // width)
     width_in, height_in = scale * width / figures.DPI, scale * height / figures.DPI
     head_in = any(side.label for side in layers) * _LINE_IN + any(side.note for side in layers) * _LINE_IN + _MARGIN_IN
-    full_in = _NAME_IN * (1 + bool(title)) + head_in + height_in + LEGEND_IN
+    full_in = _NAME_IN + head_in + height_in + LEGEND_IN
     across_in = len(layers) * (width_in + _MARGIN_IN) + _MARGIN_IN
     figure = figures.new_figure(across_in, full_in)
-    for number, line in enumerate(filter(None, (title, name))):
-        at_in = full_in - 0.03 - number * _NAME_IN
-        text = figure.text(0.5, at_in / full_in, line, ha="center", va="top", fontsize=8)
-        fit_text(text, across_in - 2 * _MARGIN_IN)
+    text = figure.text(0.5, 1 - 0.03 / full_in, name, ha="center", va="top", fontsize=8)
+    fit_text(text, across_in - 2 * _MARGIN_IN)
     for number, side in enumerate(layers):
         left_in = _MARGIN_IN + number * (width_in + _MARGIN_IN)
         axes = figures.axes_at(figure, left_in, LEGEND_IN, width_in, height_in)
@@ -518,8 +515,7 @@ def _draw_cells(
 
 # An object's lidar cluster.
 
-_CLUSTER_IN, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, _TITLE_IN, _BETWEEN_IN, _EDGE_IN = 7.0, 0.42, 0.36, 0.22, 0.12, 0.04
-_SURROUNDINGS_M = 3.0
+_CLUSTER_IN, _TEXTS_IN, _SURROUNDINGS_M = 7.0, 0.3, 3.0
 
 
 @figures.styled
@@ -546,12 +542,8 @@ def draw_cluster(
         Mariotti and Eising 2020, the figure on ground truth generation.
     """
     height, width = image.shape[:2]
-    # The square plan and the image share one height and fill the width.
-    side_in = (_CLUSTER_IN - _PLAN_LEFT_IN - _BETWEEN_IN - _EDGE_IN) / (1 + width / height)
-    figure = figures.new_figure(_CLUSTER_IN, side_in + _PLAN_BOTTOM_IN + _TITLE_IN)
-    plan = figures.axes_at(figure, _PLAN_LEFT_IN, _PLAN_BOTTOM_IN, side_in, side_in)
-    picture_in = _PLAN_LEFT_IN + side_in + _BETWEEN_IN
-    picture = figures.axes_at(figure, picture_in, _PLAN_BOTTOM_IN, side_in * width / height, side_in)
+    figure = figures.new_figure(_CLUSTER_IN, _CLUSTER_IN / (1 + width / height) + _TEXTS_IN, layout="constrained")
+    plan, picture = figure.subplots(1, 2, width_ratios=[1, width / height])
     _draw_plan(plan, geometry, vehicle_outline_m)
     show_image(picture, image)
     zoom_on(picture, polygon, size=(width, height), aspect=width / height)
@@ -560,7 +552,7 @@ def draw_cluster(
     draw_outline(picture, polygon, colour=figures.VERMILION, width=1.1)
     plan.set_title("(a) point cloud from above", pad=3)
     picture.set_title(f"(b) {title}", pad=3)
-    figure.text(1 - _EDGE_IN / _CLUSTER_IN, 0.03, image_name, ha="right", va="bottom")
+    picture.set_xlabel(image_name)
     return figure
 
 

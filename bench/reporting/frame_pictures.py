@@ -459,7 +459,7 @@ def write_film(
 GRID_M, GRID_STEP_M, LINE_STEP_M = 10.0, 1.0, 0.05  # reach of the grid, between its lines, between points of a line
 HORIZON_POINTS = 1441
 ARROWS_ACROSS, ARROW_PX = 32, 16.0  # arrows are drawn as many times as long as makes half of them longer than this
-_WIDTH_IN, _TOP_IN, _FOOT_IN, _GAP_IN = 4.2, 0.2, 0.2, 0.08
+_WIDTH_IN, _TEXTS_IN = 4.3, 0.45
 _FADE = 0.55
 
 
@@ -510,24 +510,17 @@ def draw_calibration(recording: Recording, camera_name: str, index: int, sweeps:
     camera, image = recording.cameras[camera_name], recording.images[camera_name][index]
     grey = faded(read_image(image, camera), _FADE)
     height_in = _WIDTH_IN * grey.shape[0] / grey.shape[1]
-    full_in = 2 * (height_in + _TOP_IN) + _FOOT_IN
-    figure = figures.new_figure(2 * _WIDTH_IN + 3 * _GAP_IN, full_in)
-    axes = []
-    for row in (0, 1):
-        for column in (0, 1):
-            left_in = _GAP_IN + column * (_WIDTH_IN + _GAP_IN)
-            bottom_in = full_in - _TOP_IN - height_in - row * (height_in + _TOP_IN)
-            panel = figures.axes_at(figure, left_in, bottom_in, _WIDTH_IN, height_in)
-            show_image(panel, grey)
-            axes.append(panel)
+    figure = figures.new_figure(2 * _WIDTH_IN, 2 * height_in + _TEXTS_IN, layout="constrained")
+    axes = figure.subplots(2, 2).ravel()
+    for panel in axes:
+        show_image(panel, grey)
     _draw_points(axes[0], "(a) lidar at the exposure, by range", sweeps.see(image))
     as_measured = sweeps.see(image, compensated=False)
     _draw_points(axes[1], "(b) lidar as measured, without motion compensation", as_measured)
     _draw_flow(axes[2], recording, camera, index)
     _draw_geometry(axes[3], camera)
     name = image_name(recording.name, camera_name, image.timestamp_ns)
-    figure.text(0.5, 0.06 / full_in, f"{name}; points from {NEAREST_M:g} m, yellow, to {FARTHEST_M:g} m, dark",
-                ha="center", va="bottom", fontsize=6.5)  # fmt: skip
+    figure.supxlabel(f"{name}; points from {NEAREST_M:g} m, yellow, to {FARTHEST_M:g} m, dark", fontsize=6.5)
     return figure
 
 
@@ -556,8 +549,9 @@ def _draw_flow(axes: Axes, recording: Recording, camera: MountedCamera, index: i
                 scale_units="xy", scale=1.0, width=width / 72 / _WIDTH_IN, headwidth=4, headlength=5, zorder=4,
             )  # fmt: skip
         axes.text(
-            0.01, 0.015, f"arrows {times} times as long as the flow; the median of the differences is said above",
-            transform=axes.transAxes, fontsize=5.5, color="white",
+            0.01, 0.015, f"arrows: {times} x the flow; the median of the differences is said above",
+            transform=axes.transAxes, fontsize=5.5,
+            bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.8},
         )  # fmt: skip
     axes.set_title(f"(c) flow of what stands: predicted red, seen blue{told}", pad=3)
 

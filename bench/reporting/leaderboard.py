@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from enum import StrEnum
 from itertools import count, groupby
 from pathlib import Path
 from typing import Literal
@@ -18,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.errors import BenchError, DataError, UsageError
-from bench.evaluation import Metric, ObjectMetrics, Summary, find_metric, load_protocol
+from bench.evaluation import Metric, ObjectMetrics, Summary, find_metric
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest
@@ -58,7 +57,6 @@ from bench.reporting.run_tables import SWEEP
 
 STORED = "leaderboard.json"
 ORDERED_BY = "iou"
-MOST_NAMED = 3  # methods that a sentence lists
 RANKING_PROTOCOL = "surface-v1"  # orders methods as exact masks do (reports/paper/reference.md)
 ORACLE_SETTINGS = ("sees_the_truth", "sees_the_reference")  # true for what is given more than a method may know
 HIDDEN_SETTINGS = (*ORACLE_SETTINGS, "scenario")  # distinguish no methods: a table says the kind, and a path is a path
@@ -75,12 +73,8 @@ NAMES = {
 }
 
 
-class Kind(StrEnum):
-    """Kind of masks that a run scores."""
-
-    METHOD = "method"
-    ORACLE = "oracle"  # is given what no method may know
-    CEILING = "ceiling"  # the exact masks, pixel by pixel
+# Of masks: an oracle is given what no method may know, the ceiling is the exact masks, pixel by pixel.
+Kind = Literal["method", "oracle", "ceiling"]
 
 
 class _Stored(BaseModel):
@@ -165,7 +159,7 @@ class RankedGroup(_Stored):
     @property
     def methods(self) -> tuple[Entry, ...]:
         """Those that anybody could run, best first."""
-        return tuple(entry for entry in self.entries if entry.kind is Kind.METHOD)
+        return tuple(entry for entry in self.entries if entry.kind == "method")
 
     @property
     def best(self) -> bool:
@@ -193,7 +187,7 @@ class RankedGroup(_Stored):
         """The group with other entries, in the order of their IoU, each method with its rank."""
         ranks = count(1)
         ordered = tuple(
-            entry.model_copy(update={"rank": next(ranks) if entry.kind is Kind.METHOD else None})
+            entry.model_copy(update={"rank": next(ranks) if entry.kind == "method" else None})
             for entry in sorted(entries, key=_best_first)
         )
         return self.model_copy(update={"entries": ordered} | others)
@@ -320,7 +314,7 @@ def rank_runs(runs: Sequence[StoredRun]) -> RankedGroup:
         entries=(),
         unreviewed=next((run.summary.unreviewed for run in runs if run.summary.unreviewed), ""),
     )
-    methods = sorted((pair for pair in pairs if pair[0].kind is Kind.METHOD), key=lambda pair: _best_first(pair[0]))
+    methods = sorted((pair for pair in pairs if pair[0].kind == "method"), key=lambda pair: _best_first(pair[0]))
     behind = {
         entry.run: what_is_shown_of(run, methods[0][1], ORDERED_BY) is Shown.BETTER
         for entry, run in (methods[1:] if group.judged else [])
@@ -339,7 +333,7 @@ def _ceilings(row: str, pairs: Sequence[tuple[Entry, StoredRun]]) -> dict[str, f
         metrics = _rows(run.metrics)[row]
         ceilings = [name for name in metrics.metric_names() if name.startswith("ceiling_")]
         known |= {name.removeprefix("ceiling_"): metrics.metric(name) for name in ceilings}
-        if entry.kind is Kind.CEILING:
+        if entry.kind == "ceiling":
             known = entry.values[row]
             break
     return {name: metric.value for name, metric in known.items() if not math.isnan(metric.value)}
@@ -380,14 +374,14 @@ def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Mapping[str
 def _kind(manifest: Manifest) -> Kind:
     settings = manifest.method.settings
     if not any(settings.get(name) for name in ORACLE_SETTINGS):
-        return Kind.METHOD
+        return "method"
     exact = manifest.method.name == "truth" and settings.get("cell_size_px") == 1
-    return Kind.CEILING if exact else Kind.ORACLE
+    return "ceiling" if exact else "oracle"
 
 
 def _cost_ms(run: StoredRun) -> float | None:
     """Median time of the method for an image, as the answers hold it."""
-    if _kind(run.manifest) is not Kind.METHOD or PREDICTIONS_DIGEST in run.manifest.method.settings:
+    if _kind(run.manifest) != "method" or PREDICTIONS_DIGEST in run.manifest.method.settings:
         return None
     seconds = read_seconds(run.answers)
     return 1e3 * float(np.nanmedian(seconds)) if np.isfinite(seconds).any() else None
@@ -431,9 +425,9 @@ NOTES = (
     "In percent, of the images that all runs of a table scored: at least "
     f"{100 * LEAST_COMMON:.0f} % of those of each, with the same reference. {formats.INTERVALS}",
     "Ranked by IoU over all moving object-frames, an undetected one having 0. A false positive is large if it has more "
-    "pixels than the protocol states; coverage hides it. Best is a method only where `compare` "
-    "shows it better than each of the others; else it is the first, and ranks below may be chance. Specks apart from "
-    "objects cost no IoU of objects; the IoU of pixels counts them.",
+    "pixels than the protocol states; coverage hides it. Best is a method only where `compare` shows it better than "
+    "each of the others; else it is the first, and those that are not shown to be behind it are “or 1”. Specks apart "
+    "from objects cost no IoU of objects; the IoU of pixels counts them.",
     f"Ceiling: {formats.CEILING}. Oracles are given what no method may know. Cost: median time of the method alone for "
     "an image, in one thread. Verified: `verify` counted the run again on this machine. Shipped: a row that comes with "
     "the package, not compared in pairs.",
@@ -475,7 +469,7 @@ def _table(
     """Metrics of rows with a bar, the interval across it and a tick at the ceiling; the ceiling first if not a run."""
     ceilings = {key: group.ceilings[key[0]].get(key[1]) for key in columns}
     rows: list[list[object]] = []
-    if any(ceilings.values()) and all(entry.kind is not Kind.CEILING for entry in group.entries):
+    if any(ceilings.values()) and all(entry.kind != "ceiling" for entry in group.entries):
         line = [None if value is None else Cell(formats.percent(value)) for value in ceilings.values()]
         rows.append(["", Cell("ceiling: the exact masks", style="dim"), *line, *([None] if costs else [])])
     for entry in group.entries:
@@ -497,7 +491,7 @@ def _rank(group: RankedGroup, entry: Entry) -> Cell:
 def _named(entry: Entry, out: Path | None) -> Cell:
     """The method, the kind of what is none, what is to be known of the run; its key and the run's folder below."""
     told = {
-        entry.kind.value: entry.kind is not Kind.METHOD,
+        entry.kind: entry.kind != "method",
         counted(entry.failures, "failure"): entry.failures > 0,
         "verified": entry.verified,
         "shipped": entry.shipped,
@@ -505,7 +499,7 @@ def _named(entry: Entry, out: Path | None) -> Cell:
     return Cell(
         ", ".join([entry.method, *(words for words, true in told.items() if true)]),
         ("masks of `evaluate`" if entry.key == PREDICTED else f"--method {entry.key}", entry.run),
-        "" if entry.kind is Kind.METHOD else "dim",
+        "" if entry.kind == "method" else "dim",
         link="" if out is None or entry.shipped else _page(entry.folder, out.resolve()),
     )
 
@@ -525,34 +519,6 @@ def _methods(board: Leaderboard) -> Group:
     return section("methods", "The methods", [table])
 
 
-def _leaders(board: Leaderboard) -> Iterator[Paragraph]:
-    """Of each data set who leads under the protocol that ranks, in the group of most methods."""
-    today = load_protocol(RANKING_PROTOCOL).digest
-    for dataset in dict.fromkeys(group.dataset for group in board.groups):
-        judged = [g for g in board.groups if (g.dataset, g.split, g.judged) == (dataset, None, True) and g.methods]
-        if judged:
-            yield _leader(max(judged, key=lambda group: (group.protocol_digest == today, len(group.methods))))
-
-
-def _leader(group: RankedGroup) -> Paragraph:
-    """The method that leads, "best" where it is shown to be better than every other one, and its score in words."""
-    first, ceiling = group.methods[0], group.ceilings[ALL_MOVING].get(ORDERED_BY)
-    iou, area, large = (first.metrics[name] for name in (ORDERED_BY, FALSE_POSITIVES, formats.LARGE_FALSE))
-    few = "" if iou.ci95 else " (too few recordings for an interval)"
-    of = "" if ceiling is None else f", ceiling {formats.percent(ceiling)}"
-    others = [entry.method for entry in group.methods if entry.behind is False]
-    doubt = f"Not shown to be behind it: {'; '.join(others)}." if others else ""
-    if len(others) > MOST_NAMED:
-        doubt = f"{len(others)} others are not shown to be behind it; their ranks say so."
-    told = (
-        f"{'Best' if group.best else 'First'} of {len(group.methods)} on {group.dataset}: {first.method}, IoU "
-        f"{formats.with_interval(iou)}{few} over all moving object-frames{of}; false positives cover "
-        f"{formats.percent(area.value)} of the image, {formats.percent(large.value)} of the images have a large one. "
-        f"Scored {first.date} with {first.code}."
-    )
-    return Paragraph(" ".join(filter(None, (told, doubt, group.unreviewed))), "good" if group.best else "dim")
-
-
 def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     """Write `index.html`, `leaderboard.json` and `.md`, each file whole or not at all; the files, the page first.
 
@@ -568,7 +534,6 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     choices = [Choice(tag, label, first.get(tag, "")) for tag, label in TAGS.items()]
     page: list[Block] = [
         Paragraph(ABOUT),
-        *_leaders(board),
         section("table", "All runs", [Filters(choices), *tables]),
         _methods(board),
         section("how", "How to read it", notes),

@@ -201,7 +201,7 @@ def image_facts(row: Row) -> str:
     causes = row["fp_by_cause"] if isinstance(row["fp_by_cause"], Mapping) else {}
     cause, pixels = max(causes.items(), key=lambda item: item[1], default=("", 0))
     most = f", most by {cause.replace('_', ' ')}, {_percent(pixels / max(row['fp_px'], 1))}" if cause else ""
-    patches = "1 patch" if row["fp_components"] == 1 else f"{row['fp_components']} patches"
+    patches = counted(int(row["fp_components"]), "patch")
     return f"{_percent(row['coverage'])} wrongly marked in {patches}{most}; ego vehicle {row['ego_speed_mps']:.1f} m/s"
 
 

@@ -8,8 +8,10 @@ Source of the annotations:
 from __future__ import annotations
 
 import io
+import math
 import re
 import shlex
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,27 +21,133 @@ from junitparser.junitparser import FinalResult
 
 from bench.atomic import write_output
 from bench.errors import UsageError
-from bench.gate.verdict import (
-    Outcome,
-    Row,
-    Verdict,
-    allowed_text,
-    change_lines,
-    change_text,
-    check_lines,
-    interval_text,
-    is_overlapping,
-    main_rows,
-    not_judged_line,
-    overall_rows,
-    row_text,
-    value_text,
-    worst_line,
-    worst_text,
-)
+from bench.evaluation import find_metric, headlines
+from bench.evaluation.sums import ALL_MOVING, FRAMES
+from bench.gate.verdict import Outcome, Row, Verdict
 from bench.plain_text import counted, plain
 from bench.reporting import document
-from bench.reporting.document import Block, Cell, Code, Group, Heading, Items, Paragraph, Style, Table
+from bench.reporting.document import Block, Cell, Code, Group, Heading, Paragraph, Style, Table
+
+WORSE = (Outcome.FAILED, Outcome.SUSPECT)  # than tolerated
+NOTABLE = (*WORSE, Outcome.IMPROVED)
+
+# What is read first, and numbers and rows in words.
+
+
+def value_text(metric: str, value: float) -> str:
+    """A value: "72.1 %", "3.2" for a mean that is no ratio, "n/a" for NaN."""
+    return _text(metric, value, unit=" %") or "n/a"
+
+
+def change_text(metric: str, difference: float) -> str:
+    """A difference: "-3.2 pt" in percentage points, "+0.40" for a mean that is no ratio, "n/a" for NaN."""
+    return _text(metric, difference, unit=" pt", sign="+") or "n/a"
+
+
+def interval_text(metric: str, interval: tuple[float, float] | None) -> str:
+    """The interval of a difference: "[-5.1, -1.2]"; "" where there is none."""
+    return "" if interval is None else f"[{', '.join(_text(metric, end, sign='+') for end in interval)}]"
+
+
+def allowed_text(metric: str, allowed: float) -> str:
+    """Text of what is tolerated: "1.5 pt", "4.50", "" for NaN."""
+    return _text(metric, allowed, unit=" pt")
+
+
+def _text(metric: str, value: float, *, unit: str = "", sign: str = "") -> str:
+    if math.isnan(value):
+        return ""
+    return f"{100 * value:{sign}.1f}{unit}" if find_metric(metric).is_ratio else f"{value:{sign}.2f}"
+
+
+def row_text(row: Row) -> str:
+    """A row in one line: "tpr_all of overtaking: 98.6 % -> 79.2 %, -19.4 pt [-24.1, -13.3], tolerated 2.0 pt"."""
+    metric = row.metric
+    text = (
+        f"{metric} of {row.slice_name}: {value_text(metric, row.before)} -> {value_text(metric, row.after)}, "
+        f"{change_text(metric, row.difference)} {interval_text(metric, row.ci95)}"
+    ).rstrip()
+    if not math.isnan(row.allowed):
+        text += f", tolerated {allowed_text(metric, row.allowed)}"
+    return "; ".join(part for part in (text, worst_text(row), row.reason) if part)
+
+
+def worst_text(row: Row) -> str:
+    """Recording that most of a loss comes from: "most in drive-3"; "" for a row that is not worse than tolerated."""
+    worse = row.outcome in WORSE and row.worst_recordings
+    return f"most in {row.worst_recordings[0].recording}" if worse else ""
+
+
+def overall_rows(verdict: Verdict) -> list[Row]:
+    """The headline metrics over everything."""
+    rows = {row.metric: row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}}
+    return [rows[metric.name] for metric in headlines() if metric.name in rows]
+
+
+def main_rows(verdict: Verdict) -> list[Row]:
+    """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
+    overall = overall_rows(verdict)
+    rows = [row for outcome in NOTABLE for row in verdict.rows_with(outcome)]
+    return [row for row in rows if row not in overall and not row.of_breakdown]
+
+
+def folded_lines(verdict: Verdict) -> list[str]:
+    """Lines of what the breakdowns say, and of how many metrics were not judged."""
+    lines = []
+    for outcome in NOTABLE:
+        rows = [row for row in verdict.rows_with(outcome) if row.of_breakdown]
+        if rows:
+            kinds = Counter(row.slice_name.partition("=")[0] for row in rows)
+            by_kind = ", ".join(f"{name} {count}" for name, count in kinds.items())
+            first = f"; the worst: {row_text(rows[0])}" if outcome is Outcome.FAILED else ""
+            lines.append(f"{outcome} in breakdowns: {len(rows)} ({by_kind}){first}")
+    if skipped := not_judged_line(verdict):
+        lines.append(skipped)
+    return lines
+
+
+def not_judged_line(verdict: Verdict) -> str:
+    """Number of metrics that were not judged; "" where all were. The JSON has the reason for each."""
+    count = len(verdict.rows_with(Outcome.NOT_JUDGED))
+    why = "for too few cases or recordings, or by the tolerances"
+    return f"not judged: {counted(count, 'metric')}, {why}" if count else ""
+
+
+def check_lines(verdict: Verdict) -> list[str]:
+    """The checks that failed, a line each: the cause, then what probably follows from it."""
+    leads = ("failed", *("probably as a consequence" for _ in verdict.failed_checks))
+    return [f"{lead}: {check.message}" for lead, check in zip(leads, verdict.failed_checks, strict=False)]
+
+
+def change_lines(verdict: Verdict) -> list[str]:
+    """ "changed: settings: flow = dis, was farneback" for everything that changed and that no failed check tells
+    already, then what did not; none where the two were not compared."""
+    if verdict.refusal:
+        return []
+    told = {check.name for check in verdict.failed_checks}
+    suspect = [check for check in verdict.checks if check.outcome is Outcome.SUSPECT and check.name != "data"]
+    return [
+        *(f"changed: {what}: {text}" for what, text in verdict.changes.items() if what not in told),
+        *(f"note: {check.message}" for check in suspect),
+        f"as in the baseline: {', '.join(verdict.unchanged) or 'nothing'}",
+    ]
+
+
+def worst_line(verdict: Verdict) -> str:
+    """Recordings that most of the worst loss comes from, of the overall rows before others; "" without a loss."""
+    overall, main = overall_rows(verdict), main_rows(verdict)
+    worse = [row for row in verdict.rows if row.outcome in WORSE and row.worst_recordings]
+    if not worse:
+        return ""
+    worst = min(worse, key=lambda r: (r not in overall, r not in main, r.outcome is not Outcome.FAILED, -r.severity))
+    lost = (
+        f"{own.recording} {value_text(worst.metric, own.before)} -> {value_text(worst.metric, own.after)}"
+        for own in worst.worst_recordings
+    )
+    return f"most of {worst.metric} of {worst.slice_name} is lost in: {'; '.join(lost)}"
+
+
+# GitHub's annotations.
 
 MOST = 10
 
@@ -56,9 +164,9 @@ def to_annotations(verdict: Verdict) -> list[str]:
     cause, *consequences = check_lines(verdict) or [""]
     told += [("gate: data", cause.removeprefix("failed: "))] if cause else []
     told += [("gate: data", "; ".join(consequences))] if consequences else []
-    slices = _by_slice(row for row in failed if not is_overlapping(row))
+    slices = _by_slice(row for row in failed if not row.of_breakdown)
     told += [(f"gate: {name}", _slice_text(rows)) for name, rows in slices.items()]
-    if breakdowns := [row for row in failed if is_overlapping(row)]:
+    if breakdowns := [row for row in failed if row.of_breakdown]:
         slices_failed = counted(len({row.slice_name for row in breakdowns}), "slice")
         text = f"{counted(len(breakdowns), 'metric')} failed in {slices_failed}, the worst: {row_text(breakdowns[0])}"
         told.append(("gate: breakdowns", text))
@@ -158,34 +266,50 @@ CAPTION = (
 _HEADINGS = ("Outcome", "Slice", "Metric", "Recs", "Baseline", "Run", "Change", "95 %", "Tolerated")
 
 
-def to_markdown(verdict: Verdict) -> str:
-    """The verdict as Markdown, failures first."""
-    return document.to_markdown(_summary(verdict))
+def first_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Block]:
+    """What is read within a minute: what failed of the data, what changed, the overall rows, where most was lost.
 
-
-def _summary(verdict: Verdict) -> Iterator[Block]:
-    yield Heading(verdict.headline)
+    Args:
+        verdict: of a run.
+        with_notes: as of `row_table`.
+    """
     yield Paragraph(verdict.subject)
-    none = [f"❌ no verdict: {verdict.why_none}"] if verdict.why_none else []
-    failed = [f"❌ {line}" for line in check_lines(verdict)]
-    worst = [line for line in (worst_line(verdict),) if line]
-    yield Items([*none, *failed, *change_lines(verdict), *worst])
-    shown = [*overall_rows(verdict), *main_rows(verdict)]
-    if shown:
-        yield row_table(shown, with_notes=True, caption=CAPTION)
-    if skipped := not_judged_line(verdict):
-        yield Paragraph(skipped)
+    yield from (Paragraph(line, "bad") for line in check_lines(verdict))
+    yield from map(Paragraph, change_lines(verdict))
+    if rows := overall_rows(verdict):
+        yield row_table(rows, with_notes=with_notes)
+    if worst := worst_line(verdict):
+        yield Paragraph(worst)
+
+
+def other_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Block]:
+    """What else is notable by kind of motion, and in words the breakdowns; arguments as of `first_blocks`."""
+    if rows := main_rows(verdict):
+        yield row_table(rows, with_notes=with_notes)
+    if verdict.rows:
+        yield Paragraph(CAPTION, "dim")
+    yield from (Paragraph(line, "dim") for line in folded_lines(verdict))
+
+
+def to_markdown(verdict: Verdict) -> str:
+    """The verdict as Markdown, failures first, and how to accept them; all rows at the end, folded."""
+    blocks: list[Block] = [Heading(verdict.headline)]
+    blocks += [Paragraph(f"no verdict: {verdict.why_none}", "bad")] if verdict.why_none else []
+    blocks += [*first_blocks(verdict, with_notes=True), *other_blocks(verdict, with_notes=True)]
     if verdict.judged and not verdict.passed:
         folders = _as_typed(verdict.run_folder, "RUN"), _as_typed(verdict.baseline_folder, "BASELINE")
-        update = ["gate", folders[0], "--baseline", folders[1], "--update"]
-        yield Paragraph("If the change is wanted, make this run the baseline, and commit it:")
-        yield Code(shlex.join(["fisheye-bench", *update]))
+        update = shlex.join(["fisheye-bench", "gate", folders[0], "--baseline", folders[1], "--update"])
+        accept = "If the change is wanted, make this run the baseline, and commit it:"
+        blocks += [Paragraph(accept), Code(update)]
+    shown = [*overall_rows(verdict), *main_rows(verdict)]
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
-        title = f"{counted(len(others), 'other row')}, those of breakdowns among them"
         cut = len(others) - MOST_ROWS
         note = f"Left out: {counted(cut, 'more row')}, all are in the JSON and JUnit files." if cut > 0 else ""
-        yield Group(look="folded", title=title, blocks=[row_table(others[:MOST_ROWS], with_notes=True, caption=note)])
+        table = row_table(others[:MOST_ROWS], with_notes=True, caption=note)
+        title = f"{counted(len(others), 'other row')}, those of breakdowns among them"
+        blocks.append(Group(look="folded", title=title, blocks=[table]))
+    return document.to_markdown(blocks)
 
 
 def _as_typed(folder: Path, otherwise: str) -> str:
@@ -222,12 +346,6 @@ STYLES: dict[Outcome, Style] = {
     Outcome.PASSED: "",
     Outcome.NOT_JUDGED: "dim",
 }
-
-
-def head_lines(verdict: Verdict) -> list[Paragraph]:
-    """The subject, the checks that failed, and what changed."""
-    failed = [Paragraph(line, "bad") for line in check_lines(verdict)]
-    return [Paragraph(verdict.subject), *failed, *map(Paragraph, change_lines(verdict))]
 
 
 SCHEMA_VERSION = 1

@@ -41,7 +41,7 @@ def test_a_run_is_stored_and_read_back_as_tables(run):
 
 def test_scores_of_single_frames_add_up_to_the_run(run, tiny_card):
     method = build_method("frame-difference")
-    frames = bench.open_dataset(tiny_card).frames(history=method.history)
+    frames = bench.open_dataset(tiny_card).frames(protocol="paper-v1", history=method.history)
     scores = [bench.score(frame.reference, method.segment(frame.input).mask) for frame in frames]
     total = bench.Score.of(scores)
     assert len(total.images) == 12

@@ -31,8 +31,8 @@ def test_compare_ends_with_verdicts_files_and_titled_pictures(monkeypatch, runs,
         r"(\d+) object-frames, detected by any pixel: (\d+) before, 0 after; 0 newly detected, (\d+) newly", shown
     )
     assert found[2] == found[3] != "0"
-    assert "nothing against spherical, over everything: " in shown
-    assert "too few recordings: IoU, all" in shown, "three recordings prove nothing"
+    assert "nothing against spherical, over everything. " in shown
+    assert "Too few recordings: IoU, all" in shown, "three recordings prove nothing"
     assert "no picture" not in shown, "processed again, every picture shows what was stored"
     page = (tmp_path / "compare.html").read_text()
     pictures = re.findall(r'<img src="data:image/jpeg;base64,([^"]*)" alt="([^:"(]*)', page)

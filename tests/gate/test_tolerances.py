@@ -7,7 +7,7 @@ import pytest
 
 from bench.errors import DataError
 from bench.gate import Outcome, known_tolerances, load_tolerances
-from bench.gate.verdict import change_lines
+from bench.reporting.verdict import change_lines
 from tests.gate.factories import one, verdict_of
 
 # Released files are never edited, only superseded.

@@ -134,8 +134,8 @@ def test_an_outline_is_drawn_where_it_hides_no_band():
 
 def test_several_methods_beside_each_other():
     frame = scored_layers(processed(busy_frame(), segmentation(busy_frame()).mask_at(640, 480)), label="ours")
-    figure = draw_frames([frame, replace(frame, label="theirs", note="IoU 41.0 %")], name="demo", title="worst")
-    assert [text.get_text() for text in figure.texts] == ["worst", "demo"]
+    figure = draw_frames([frame, replace(frame, label="theirs", note="IoU 41.0 %")], name="demo")
+    assert [text.get_text() for text in figure.texts] == ["demo"]
     heads = [axes.get_title() for axes in figure.axes]
     assert heads == ["ours\nfalse positives 2.7 % of the image", "theirs\nIoU 41.0 %"]
     left, right = (axes.get_position() for axes in figure.axes)

@@ -9,15 +9,20 @@ from junitparser import JUnitXml
 
 from bench.gate import Check, Outcome
 from bench.gate.tolerances import Tolerance
-from bench.gate.verdict import change_lines, folded_lines, main_rows, overall_rows, worst_line
 from bench.reporting import verdict
+from bench.reporting.document import Paragraph
 from bench.reporting.verdict import (
-    head_lines,
-    row_table,
+    change_lines,
+    first_blocks,
+    folded_lines,
+    main_rows,
+    other_blocks,
+    overall_rows,
     to_annotations,
     to_json,
     to_junit,
     to_markdown,
+    worst_line,
 )
 from tests.gate.factories import ALL_DECIDE, RULES, one, scored, sums, verdict_of
 from tests.reporting.printed import printed
@@ -152,7 +157,7 @@ def test_the_cause_is_told_first_and_each_fact_once():
     slices = [{"frames": {"false_positive_coverage": sums([0.2] * 6, cases=n)}} for n in (10, 9)]
     fault = {"failures": ("image 3 of 'a': no file",), "reference": "x" * 64, "data": "y" * 64}
     verdict = verdict_of(scored(slices[0]), scored(slices[1], **fault))
-    lines = [line.text for line in head_lines(verdict)][1:]
+    lines = [block.text for block in first_blocks(verdict) if isinstance(block, Paragraph)][1:]
     assert [line.split(": ")[:2] for line in lines[:3]] == [
         ["failed", "the run has 1 failure"],
         ["probably as a consequence", "data changed"],
@@ -182,12 +187,12 @@ def test_the_summary_tells_failures_first(mixed):
     rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| Outcome")]
     assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance"]
     assert text.startswith("## gate FAILED: 1 of 3 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
-    assert "- ❌ failed: data changed" in text
+    assert "\nfailed: data changed" in text
     assert "most in drive-5" in rows[1]
     assert "Suspect: worse than tolerated, but it may be chance" in text, "the word is explained where it is shown"
     folded = text[text.index("<details>") : text.index("</details>")]
     assert folded.startswith("<details><summary>1 other row, ")
-    assert f"\n{folded_lines(mixed)[-1]}\n" in text
+    assert f"\n*{folded_lines(mixed)[-1]}*\n" in text
     assert rows[2] not in folded
     assert rows[3] in folded
 
@@ -223,8 +228,9 @@ def test_json_holds_everything_and_no_nan(mixed):
 
 
 def test_the_terminal_shows_failures_first_and_how_many_are_not_judged(mixed):
-    shown = printed([row_table(main_rows(mixed))])
+    shown = printed(other_blocks(mixed))
     order = [shown.index(word) for word in ("failed ", "suspect ", "improved ")]
     assert order == sorted(order)
     assert "within" not in shown
+    assert folded_lines(mixed)[0] in shown
     assert folded_lines(mixed) == ["not judged: 1 metric, for too few cases or recordings, or by the tolerances"]

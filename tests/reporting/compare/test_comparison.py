@@ -58,7 +58,7 @@ def test_a_run_against_itself_differs_in_nothing(half):
     assert list(found.detections.index) == [*CATEGORIES, "all_moving"]
     assert found.frames.empty
     assert found.after.label == "half (2)"
-    assert verdict_line(found).startswith("half (2) against half, over everything: the same: IoU, all; TPR, all")
+    assert verdict_line(found).startswith("half (2) against half, over everything. The same: IoU, all; TPR, all")
 
 
 @pytest.mark.parametrize(("protocol", "lost"), [("paper-v1", 0), ("surface-v1", RECORDINGS * IMAGES + 3 * IMAGES)])
@@ -218,7 +218,7 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
     )
     assert comparisons[0].detections.loc["all_moving"].lost == 7 + 3
     text = (tmp_path / "compare.md").read_text()
-    assert "**new against old, over everything: better: False-positive coverage. worse: IoU, all; TPR, all; Det" in text
+    assert "**new against old, over everything. Better: False-positive coverage. Worse: IoU, all; TPR, all; Det" in text
     assert "| TPR, all | Preceding | too few recordings | 3 | 50.0 |" in text
     assert "n/a" not in text, "kinds without object-frames are not judged"
     assert "| newly missed: vehicle 'crossing', crossing, 4.0 m (drive-0, front, 100 ms) | 50.0 | 0.0 |" in text
