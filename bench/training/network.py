@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import onnx
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import pixel_shuffle, relu, scaled_dot_product_attention
 
+from bench.errors import UsageError
 from bench.methods.learned.inputs import ZERO
-from bench.methods.learned.method import MULTIPLE_PX
+from bench.methods.learned.method import MULTIPLE_PX, read_card
 
 FIRST_WIDTH = 16  # channels at the size of geometry and flow; multiples of 16 are what processors compute at once
 WIDTHS = (32, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
@@ -142,3 +149,77 @@ class ScoredNetwork(nn.Module):
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
         """Scores, (N, 2h, 2w) float32, from the inputs of `MotionNetwork`."""
         return torch.sigmoid(self.network(coarse, fine))
+
+
+def begin_with(
+    network: MotionNetwork, file: Path, shown: Mapping[str, Sequence[str]], crops: tuple[Tensor, Tensor]
+) -> None:
+    """Give a network the weights of an exported one, so that it answers as that one does.
+
+    Channels that the exported one does not take weigh 0, and attention that it does not have adds nothing until it is
+    trained. An exported convolution holds the normalisation that followed it. This is made again from mean and spread
+    of what the convolution answers on the crops.
+
+    Args:
+        network: gets the weights.
+        file: `learned.onnx`, its card beside it.
+        shown: "coarse" and "fine" -> names of the channels of the network.
+        crops: coarse and fine channels, as `MotionNetwork.forward` takes them.
+
+    Raises:
+        UsageError: the file holds other layers, or takes a channel that the network is not shown.
+        DataError: file or card are damaged.
+    """
+    card = read_card(file)
+    if unknown := {*card.coarse, *card.fine} - {*shown["coarse"], *shown["fine"]}:
+        raise UsageError(f"{file}: expected channels that the network is shown, got {', '.join(sorted(unknown))}")
+    modules = dict(network.named_modules())
+    first = {
+        "stem.one.0": [shown["coarse"].index(name) for name in card.coarse],
+        "fine.0": [shown["fine"].index(name) for name in card.fine],
+    }
+    norms: dict[str, nn.BatchNorm2d] = {}
+    for path, weight, bias in _convolutions(file):
+        convolution = modules.get(path)
+        given = torch.from_numpy(weight)
+        if path in first and isinstance(convolution, nn.Conv2d):
+            given = torch.zeros(len(weight), *convolution.weight.shape[1:])
+            given[:, first[path]] = torch.from_numpy(weight)
+        if not isinstance(convolution, nn.Conv2d) or convolution.weight.shape != given.shape:
+            raise UsageError(f"{file}: expected layers of this network, got {path} of shape {weight.shape}")
+        convolution.weight.data = given
+        if convolution.bias is not None:
+            convolution.bias.data = torch.from_numpy(bias)
+            continue
+        norm = modules[f"{path.rpartition('.')[0]}.1"]
+        assert isinstance(norm, nn.BatchNorm2d)
+        norms[path] = norm
+        norm.running_var.fill_(1 - norm.eps)  # mean 0, weight 1: passes on what it is given
+        norm.bias.data = torch.from_numpy(bias)
+    answers: dict[str, tuple[Tensor, Tensor]] = {}
+
+    def keep(path: str) -> Callable[[nn.Module, object, Tensor], None]:
+        return lambda _, __, values: answers.update({path: (values.mean((0, 2, 3)), values.var((0, 2, 3)))})
+
+    hooks = [network.get_submodule(path).register_forward_hook(keep(path)) for path in norms]
+    with torch.no_grad():
+        network.eval()(*crops)
+    for hook in hooks:
+        hook.remove()
+    for path, norm in norms.items():
+        mean, variance = answers[path]
+        norm.running_mean.copy_(mean)
+        norm.running_var.copy_(variance)
+        norm.weight.data = torch.sqrt(variance + norm.eps)
+        norm.bias.data += mean
+
+
+def _convolutions(file: Path) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
+    """Module, weights and biases of each convolution of an exported network."""
+    graph = onnx.load(file).graph
+    values = {value.name: onnx.numpy_helper.to_array(value).copy() for value in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "Conv":
+            # "/network/up.0/one/one.0/Conv" is up.0.one.0, "/network/fine/fine.0/Conv" is fine.0.
+            outer, inner = node.name.split("/")[2], node.name.split("/")[-2]
+            yield inner if inner.startswith(outer) else f"{outer}.{inner}", *(values[name] for name in node.input[1:])

@@ -15,6 +15,7 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,7 +36,7 @@ from bench.execution import usable_cores
 from bench.methods.learned.inputs import COARSE, DIFFERENCES, FINE, GROUPS, MIRRORED, ZERO, Channels
 from bench.methods.learned.method import padded
 from bench.recordings import load_card
-from bench.training.network import MotionNetwork, ScoredNetwork
+from bench.training.network import MotionNetwork, ScoredNetwork, begin_with
 from bench.training.pairs import DATASET, PreparedDrive, prepare
 
 LOG = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
 THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
+STATISTICS_BATCHES = 16  # of crops from which normalisation is made again
 # Channels that are varied together.
 VARIED = {
     "mirrored": MIRRORED,
@@ -75,7 +77,7 @@ class Plan:
         rate: largest learning rate.
         decay: of the weights.
         bfloat16: computes in 16 bits, which takes half the time on processors that can.
-        start: SHA-256 of the checkpoint whose best weights it begins with; "" for random ones.
+        start: SHA-256 of the exported network whose weights it begins with; "" for random ones.
         seed: of everything random.
     """
 
@@ -355,13 +357,13 @@ def train(
         training: drives to learn from.
         held_out: drives that validate.
         out: folder of checkpoint and log.
-        start: checkpoint of an earlier training, whose best weights to begin with.
+        start: exported network whose weights to begin with, beside its card.
 
     Returns:
         The network with the best weights, its validation, and the log.
 
     Raises:
-        UsageError: the checkpoint in `out` is of another plan or other data, or `start` of another network.
+        UsageError: the checkpoint in `out` is of another plan or other data.
     """
     torch.manual_seed(plan.seed)
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
@@ -370,12 +372,9 @@ def train(
     network = MotionNetwork(len(plan.coarse), len(plan.fine))
     batches = Batches(training, plan)
     if start is not None:
-        earlier = torch.load(start, map_location="cpu", weights_only=True)
-        if (got := earlier["plan"]["without"]) != plan.without:
-            raise UsageError(f"{start}: expected a network that is not shown {plan.without}, got one without {got}")
-        begun = torch.optim.swa_utils.AveragedModel(network)
-        begun.load_state_dict(earlier["state"]["weights"])
-        network = begun.module
+        crops = list(islice(batches.epoch(0, np.ones(batches.images)), STATISTICS_BATCHES))
+        given = torch.cat([batch.coarse for batch in crops]), torch.cat([batch.fine for batch in crops])
+        begin_with(network, start, {"coarse": plan.coarse, "fine": plan.fine}, given)
     network.to(device, memory_format=torch.channels_last)
     averaged = torch.optim.swa_utils.AveragedModel(network, avg_fn=_running_mean, use_buffers=True)
     optimiser = torch.optim.AdamW(network.parameters(), weight_decay=plan.decay)
@@ -503,7 +502,9 @@ def main(
     epochs: Annotated[int, typer.Option(min=1, help="at most")] = 20,
     bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
     rate: Annotated[float, typer.Option(min=0.0, help="largest learning rate")] = 3e-3,
-    start: Annotated[Path | None, typer.Option(exists=True, help="checkpoint.pt of an earlier training")] = None,
+    start: Annotated[
+        Path | None, typer.Option(help="learned.onnx, beside its card, whose weights to begin with")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0)] = 1,
     workers: Annotated[
         int, typer.Option(min=1, help="processes that render and prepare; threads that train")

@@ -5,6 +5,7 @@ It is no part of the other tests, since PyTorch takes a gigabyte; a job of its o
 
 import json
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import torch
 from bench.errors import UsageError
 from bench.methods import build_method
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
-from bench.training.network import MotionNetwork
+from bench.training.network import MotionNetwork, begin_with
 from bench.training.pairs import prepare
 from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, loss_of_bodies, small_weight, train
 
@@ -155,14 +156,23 @@ def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path)
     np.testing.assert_allclose(method.scores(channels), expected, atol=1e-4)
 
 
-def test_training_begins_with_the_best_weights_of_an_earlier_one(drives, trained, tmp_path):
-    (out, (network, *_)), begun = trained, replace(PLAN, patience=-1)
-    again, _, log = train(begun, drives, drives[:1], tmp_path, start=out / "checkpoint.pt")
-    assert log == []
-    for one, other in zip(network.state_dict().values(), again.state_dict().values(), strict=True):
-        assert torch.equal(one, other)
-    with pytest.raises(UsageError, match=r"expected a network that is not shown \('scene',\), got one without \(\)"):
-        train(replace(begun, without=("scene",)), drives, drives[:1], tmp_path, start=out / "checkpoint.pt")
+def test_training_begins_with_the_answers_of_an_exported_network(drives, tmp_path):
+    less = replace(PLAN, epochs=1, without=("scene",))
+    exported, *reached = train(less, drives, drives[:1], tmp_path)
+    export(exported, less, *reached, provenance={}, out=tmp_path)
+    batches = Batches(drives, PLAN)
+    crops, unseen = islice(batches.epoch(0, np.ones(batches.images)), 2)
+    network = MotionNetwork(len(COARSE), len(FINE))
+    shown = {"coarse": COARSE, "fine": FINE}
+    begin_with(network, tmp_path / "learned.onnx", shown, (crops.coarse, crops.fine))
+    seen = [COARSE.index(name) for name in less.coarse]
+    with torch.no_grad():
+        expected = exported(unseen.coarse[:, seen], unseen.fine)
+        torch.testing.assert_close(network(unseen.coarse, unseen.fine), expected, atol=1e-3, rtol=1e-3)
+        begun = [norm for norm in network.modules() if isinstance(norm, torch.nn.BatchNorm2d)]
+        assert min(norm.weight.min() for norm in begun) > 0  # normalised by what they answer
+    with pytest.raises(UsageError, match="expected channels that the network is shown, got road_seen, texture"):
+        begin_with(network, tmp_path / "learned.onnx", shown | {"coarse": less.coarse[:-2]}, (crops.coarse, crops.fine))
 
 
 def test_a_plan_leaves_channels_of_both_sizes():
