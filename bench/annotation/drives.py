@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -17,7 +18,7 @@ from bench.annotation import store
 from bench.annotation.decisions import Motion, ReviewedTrack, State, applied, history, opening, to_tracks, undecided
 from bench.annotation.evaluate import evaluate_proposals
 from bench.annotation.proposals import propose
-from bench.errors import BenchError, UsageError
+from bench.errors import BenchError, OutputError, UsageError
 from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.digests import REFERENCE_CODE, code_digest, digest_ego_motion, digest_of, digest_sweeps
 from bench.recordings import Recording, RecordingHandle
@@ -27,6 +28,7 @@ MODULES = ("boxes", "free_space", "prepared", "proposals", "settings", "tracking
 CODE = (*REFERENCE_CODE, *(f"annotation/{name}.py" for name in MODULES))
 # Decisions that leave the boxes as they are.
 DESCRIBING = (store.Judge, store.SetClass, store.SetUnclear, store.SetCategory)
+SIZE_M = 0.3  # two reviewers' boxes of one object have sides as long as this
 LEAST_IOU = 0.5  # of outlines seen from above, added up over time, from which on two tracks are the same
 
 
@@ -151,6 +153,78 @@ def _evaluate_drive(folder: Path, against: Path | None, handle: RecordingHandle)
     frames = evaluate_proposals(recording, to_tracks(review, recording, unreviewed=True))
     times_ns = [ref.timestamp_ns for ref in recording.sweeps]
     return frames, (times_ns[-1] - times_ns[0]) / 60e9 if times_ns else 0.0
+
+
+def merge_drives(names: Iterable[str], folder: Path, against: Path, out: Path) -> list[Path]:
+    """Write two reviewers' reviews of drives as one each; see `merge_reviews`.
+
+    Args:
+        names: of the recordings.
+        folder: of the review files that are kept where both agree.
+        against: of the other reviewer's.
+        out: of the merged files; none is replaced.
+
+    Raises:
+        DataError: a review file that is missing or damaged.
+        OutputError: a file is there already, or cannot be written.
+    """
+    files = [store.review_file(out, name) for name in names]
+    for file in files:
+        if file.exists():
+            raise OutputError(file, got="a review that is there already", hint="give another folder")
+    for file in files:
+        sides = [store.read_review(place / file.name) for place in (folder, against)]
+        store.write_review(file, merge_reviews(*sides))
+    return files
+
+
+def merge_reviews(a: store.Review, b: store.Review) -> store.Review:
+    """Put two reviewers' reviews of a drive together; where they differ, somebody has to decide again.
+
+    Args:
+        a: whose proposals and decisions are kept.
+        b: of the same drive, perhaps of other proposals.
+
+    Returns:
+        `a`, in which every track is undecided whose equal in `b`, by IoU of its boxes over time, has another status,
+        class, kind of motion or size, or that has none; and in which tracks of `b` without an equal are drawn. What
+        either watched counts as watched.
+
+    Raises:
+        UsageError: decisions that cannot be carried out.
+    """
+    mine, theirs = (
+        {name: track for name, track in applied(review).items() if track.status != "rejected"} for review in (a, b)
+    )
+    same = _same(mine, theirs)
+    differ = [name for name, track in mine.items() if name not in same or not _agree(track, theirs[same[name]])]
+    made = {"made_at": datetime.now(UTC), "reviewer": "merged"}
+    taken = {track.id for track in a.tracks} | applied(a).keys()
+    free = (name for number in count() if (name := f"m{number:03d}") not in taken)
+    missing = [track for name, track in theirs.items() if name not in same.values()]
+    drawn = [store.Draw(drawn=_as_drawn(track, next(free)), **made) for track in missing]
+    names = (*differ, *(draw.drawn.id for draw in drawn))
+    reopened = [store.Judge(action="reopen", tracks=names, **made)] if names else []
+    return a.model_copy(update={"decisions": (*a.decisions, *drawn, *reopened)}).watched(b.watched_ns)
+
+
+def _agree(a: ReviewedTrack, b: ReviewedTrack) -> bool:
+    told = [(track.status, track.object_class, track.category, track.unclear) for track in (a, b)]
+    return told[0] == told[1] and bool(np.abs(a.size_m - b.size_m).max() <= SIZE_M)
+
+
+def _as_drawn(track: ReviewedTrack, name: str) -> store.StoredTrack:
+    """A track as it stands, as a reviewer's own."""
+    motion = track.motion
+    return store.StoredTrack(
+        id=name,
+        object_class=track.object_class,
+        category=track.category,
+        unclear=track.unclear,
+        size_m=tuple(track.size_m.tolist()),
+        points_median=track.points_median,
+        states=store.box_states(motion.times_ns, motion.centres_m, motion.yaws_rad, motion.velocities_mps),
+    )
 
 
 def carry_over(old: store.Review, new: store.Review) -> store.Review:

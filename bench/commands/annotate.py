@@ -156,6 +156,7 @@ def evaluate_proposals(
     workers: Workers = 1,
     reviews: Place = None,
     against: Place = None,
+    merged: Place = None,
     out: Place = None,
     progress: Report | None = None,
 ) -> ProposalScores:
@@ -167,22 +168,25 @@ def evaluate_proposals(
         workers: processes, or an executor.
         reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         against: another reviewer's folder of reviews, to compare with in place of the annotations.
+        merged: with --against: folder of both reviews as one; where they differ, tracks are undecided.
         out: folder of evaluate.html, .md and .csv files; default: none.
         progress: called with the recordings done and their number.
 
     Raises:
         UnknownNameError: no data set or split of this name.
         DataError: proposals that are missing or damaged.
-        UsageError: a recording without annotations.
-        OutputError: a file cannot be written.
+        UsageError: a recording without annotations, or `merged` without `against`.
+        OutputError: a file cannot be written, or a merged review is there already.
 
     Examples:
         fisheye-bench annotate evaluate demo --out my-evaluation
     """
     from bench.annotation import proposal_scores, worst_tracks
-    from bench.annotation.drives import evaluate_drives
+    from bench.annotation.drives import evaluate_drives, merge_drives
     from bench.reporting.findings import write_proposal_scores
 
+    if merged is not None and against is None:
+        raise UsageError("merged: expected a second reviewer's folder, got none; name it with --against")
     other = None if against is None else Path(against)
     executor = as_executor(workers)
     card, handles, folder = _open_drives(dataset, split, reviews, executor)
@@ -190,6 +194,8 @@ def evaluate_proposals(
         frames, minutes = evaluate_drives(handles, folder, against=other, executor=executor, progress=report)
     table, worst = proposal_scores(frames, minutes=minutes), worst_tracks(frames)
     names, files = [handle.name for handle in handles], list[Path]()
+    if other is not None and merged is not None:
+        files += merge_drives(names, folder, other, Path(merged))
     if out is not None:
         files += write_proposal_scores(Path(out), table, minutes, worst=worst, dataset=card.name, recordings=names)
     return ProposalScores(table=table, minutes=minutes, worst=worst, files=tuple(files))

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.annotation import drives as module
+from bench.annotation.decisions import applied
 from bench.annotation.drives import propose_drives
 from bench.annotation.store import read_review, review_file, write_review
 from bench.execution import SerialExecutor
@@ -58,16 +59,21 @@ def test_propose_then_evaluate(card):
     assert share in scored.stdout
 
 
-def test_two_reviewers_are_compared(card):
-    """The second one rejects a track, so that the first one's is false against theirs."""
+def test_two_reviewers_are_compared_and_merged(card):
+    """The second one rejects a track, so that the first one's is false against theirs, and open in what both say."""
     proposed(card)
     review = read_review(review_file(card.parent / "reviews", "drive"))
     write_review(review_file(card.parent / "others", "drive"), decided(review, judge("reject", "p000")))
-    both = ("annotate", "evaluate", card, "--reviews", "reviews", "--against", "others")
+    both = ("annotate", "evaluate", card, "--reviews", "reviews", "--against", "others", "--merged", "merged")
     done = called_here(*both, folder=card.parent)
     assert done.returncode == 0
     assert "p000" in done.stdout
     assert "false" in done.stdout
+    merged = applied(read_review(review_file(card.parent / "merged", "drive")))
+    assert [track.status for track in merged.values()] == ["open", "open", "open"]
+    again = called_here(*both, folder=card.parent)
+    assert again.returncode == 2
+    assert "a review that is there already" in again.stderr
 
 
 def test_what_is_there_is_not_computed_again_and_decisions_are_kept(card, monkeypatch):

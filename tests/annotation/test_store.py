@@ -7,7 +7,7 @@ import pytest
 
 from bench.annotation import store
 from bench.annotation.decisions import applied, undecided
-from bench.annotation.drives import carry_over, tracks_iou
+from bench.annotation.drives import carry_over, merge_reviews, tracks_iou
 from bench.errors import DataError, UsageError
 from tests.support.reviews import MADE, STEP_NS, decided, judge, review_of, straight
 
@@ -262,3 +262,25 @@ def test_a_hole_of_many_seconds_is_filled_near_the_key_frame_alone():
     filled = applied(decided(review, key("p1", 25, (25, 0, 1))))["p1"]
     np.testing.assert_array_equal(filled.motion.times_ns // STEP_NS, [*range(26), *range(80, 91)])
     assert reasons(filled) == ["hole of 54 sweeps"]
+
+
+def test_reviews_of_two_who_differ_leave_open_what_they_differ_in():
+    """Both accept the first car; one calls the second a cyclist, rejects the third and draws a fourth."""
+    proposals = [straight("p0"), straight("p1", start=(0.0, 10.0)), straight("p2", start=(0.0, 20.0))]
+    every = review_of(*proposals).watched([0, STEP_NS])
+    a = decided(every, accept("p0", "p1", "p2"))
+    cyclist = store.SetClass(tracks=("p1",), object_class="cyclist", **MADE)
+    b = decided(every, accept("p0", "p1"), cyclist, reject("p2"), draw(straight("d000", start=(0.0, 30.0))))
+    merged = merge_reviews(a, b.watched([2 * STEP_NS]))
+    assert {name: track.status for name, track in applied(merged).items()} == {
+        "p0": "accepted", "p1": "open", "p2": "open", "m000": "open",
+    }  # fmt: skip
+    assert merged.watched_ns == (0, STEP_NS, 2 * STEP_NS)
+    assert merge_reviews(a, a) == a
+    assert set(statuses(merge_reviews(b, a))) == {"accepted", "rejected", "open"}
+
+
+@pytest.mark.parametrize(("length_m", "status"), [(4.2, "accepted"), (4.5, "open")])
+def test_a_side_that_differs_by_half_a_metre_is_left_open(length_m, status):
+    a, b = (decided(review_of(straight("p0", size_m=(length, 2.0, 1.5))), accept("p0")) for length in (4.0, length_m))
+    assert statuses(merge_reviews(a, b)) == [status]
