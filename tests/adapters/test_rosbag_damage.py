@@ -5,6 +5,7 @@ import sqlite3
 import struct
 from contextlib import closing
 from functools import cache, partial
+from pathlib import Path
 
 import lz4.frame
 import numpy as np
@@ -96,10 +97,7 @@ def test_a_bag_that_was_cut_short_says_how_to_repair_it_whatever_the_card_accept
 
 
 LACKING = [  # what is done to the description of a bag, and what is said
-    (
-        lambda file: file.unlink(),
-        r"metadata\.yaml: expected the metadata that a recorder writes last, got no such file; .*ros2 bag reindex",
-    ),
+    (Path.unlink, r"metadata\.yaml: expected the metadata that a recorder writes last, got no .*; .*ros2 bag reindex"),
     (
         lambda file: metadata(file, lambda content: content["relative_file_paths"].append("drive_1.mcap")),
         r"drive_1\.mcap: expected a file of messages, as metadata\.yaml says, got no such file; .*ros2 bag reindex",
@@ -117,15 +115,6 @@ def test_a_bag_that_lacks_something_is_refused_whatever_the_card_accepts(whole, 
             opened(root, **options)
 
 
-@of_mcap
-def test_a_bag_that_lacks_nothing(whole, tmp_path):
-    recording = opened(copied(whole, tmp_path))
-    assert len(recording.images["front"]) == IMAGES
-    for i, ref in enumerate(recording.images["front"]):
-        assert ref.timestamp_ns == tiny.TIMES_NS[0] + i * STEP_NS
-        assert np.array_equal(read_image(ref, recording.cameras["front"]), pixels(i))
-
-
 def test_messages_that_a_database_has_not_merged(written, tmp_path):
     root = copied(written("db3"), tmp_path)
     (root / "drive" / "drive.db3-wal").write_bytes(b"log")
@@ -133,13 +122,15 @@ def test_messages_that_a_database_has_not_merged(written, tmp_path):
         opened(root)
 
 
-def test_a_chunk_that_is_damaged_after_opening(written, tmp_path):
-    whole = written("mcap-zstd")
+@of_mcap
+def test_a_chunk_that_is_damaged_after_opening(whole, tmp_path):
     root = copied(whole, tmp_path)
     recording = opened(root)
+    camera, images = recording.cameras["front"], recording.images["front"]
+    assert [ref.timestamp_ns for ref in images] == [tiny.TIMES_NS[0] + i * STEP_NS for i in range(IMAGES)]
+    assert all(np.array_equal(read_image(ref, camera), pixels(i)) for i, ref in enumerate(images))
     content = whole.read_bytes()
     (root / "drive" / "drive.mcap").write_bytes(content[: len(content) // 3] + bytes(len(content) * 2 // 3))
-    camera, images = recording.cameras["front"], recording.images["front"]
     assert np.array_equal(read_image(images[3], camera), pixels(3))
     with pytest.raises(DataError, match=r"drive\.mcap: expected a message of 3120 bytes, got .*: mcap recover"):
         read_image(images[25], camera)
@@ -189,10 +180,7 @@ HOSTILE_RECORDS = [
     (indexed(b"\x06" + struct.pack("<Q", 1 << 40)), "a record of kind 6 with 1099511627776 bytes"),
     (indexed(bytes(99)), "a record of kind 0 with 0 bytes at byte 33, where its index has a chunk"),
     (indexed(chunk(record(3, struct.pack("<HI", 1, 2**32 - 1)))), "the end in the middle of it"),
-    (
-        indexed(chunk(record(0x7F, bytes(9))), STATES_240),
-        "0 messages in chunks with an index, where its statistics say",
-    ),
+    (indexed(chunk(record(0x7F, b"")), STATES_240), "0 messages in chunks with an index, where its statistics say 240"),
     (indexed(chunk(b""), has_summary=False), "no summary with an index, which a recorder writes last"),
 ]
 
@@ -271,13 +259,10 @@ def test_metadata_that_names_files_elsewhere(tmp_path, path):
 
 
 def test_parts_are_read_in_the_order_of_recording(tmp_path):
-    root = bags.write_rig(tmp_path / "data")
     rows, names = bags.drive(), ["drive_2.mcap", "drive_10.mcap"]
-    for name, part in zip(names, (rows[:4], rows[4:]), strict=True):
-        file = bags.write_bag(tmp_path / name, part)
-        (root / "drive").mkdir(exist_ok=True)
-        shutil.copy(file.parent / "metadata.yaml", root / "drive/metadata.yaml")
-        file.rename(root / "drive" / name)
+    root = bags.data_set(tmp_path, rows[:4])
+    (root / "drive/drive.mcap").rename(root / "drive" / names[0])
+    bags.write_bag(tmp_path / "later", rows[4:]).rename(root / "drive" / names[1])
     metadata(root / "drive/metadata.yaml", lambda content: content.update(relative_file_paths=names))
     recording = opened(root)
     assert [ref.file.name for ref in recording.images["front"]] == ["drive_2.mcap", "drive_2.mcap", "drive_10.mcap"]
