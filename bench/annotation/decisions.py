@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -273,18 +273,20 @@ def _reaching(motion: Motion, time_ns: int) -> Motion:
     if abs(time_ns - np.clip(time_ns, first, last)) > LARGEST_GAP_NS:
         raise UsageError(f"key frame at {time_ns}: expected at most 2 s before or after the track, {first} to {last}")
     later = int(np.searchsorted(motion.times_ns, time_ns))
-    beside = motion.times_ns[max(later - 1, 0) : later + 1]
-    times_ns = [motion.times_ns, np.array([time_ns])]
-    for start, end in [(min(int(near), time_ns), max(int(near), time_ns)) for near in beside]:
-        if end - start <= LARGEST_GAP_NS:
-            times_ns.append(_between(start, end, motion.step_ns))
-    reached = np.unique(np.concatenate(times_ns).astype(np.int64))
+    beside = motion.times_ns[max(later - 1, 0) : later + 1].tolist()
+    gaps = [(min(near_ns, time_ns), max(near_ns, time_ns)) for near_ns in beside]
+    reached = _filled(np.append(motion.times_ns, time_ns), gaps, motion.step_ns)
     return motion if len(reached) == len(motion) else motion.at(reached)
 
 
-def _between(start_ns: int, end_ns: int, step_ns: int) -> NDArray[np.int64]:
-    """Times between two, about a step apart."""
-    return np.linspace(start_ns, end_ns, round((end_ns - start_ns) / step_ns) + 1).round().astype(np.int64)[1:-1]
+def _filled(times_ns: NDArray[np.int64], gaps: Sequence[tuple[int, int]], step_ns: int) -> NDArray[np.int64]:
+    """The times, and others about a step apart in gaps of at most 2 s."""
+    between = [
+        np.linspace(start, end, round((end - start) / step_ns) + 1).round().astype(np.int64)[1:-1]
+        for start, end in gaps
+        if end - start <= LARGEST_GAP_NS
+    ]
+    return np.unique(np.concatenate([times_ns, *between]))
 
 
 def _corrected(uncorrected: Motion, keys: Mapping[int, store.SetBox]) -> Motion:
@@ -392,11 +394,7 @@ def _in_one(a: Motion, b: Motion) -> Motion:
     rows[:, 3] = np.unwrap(rows[:, 3])
     together = Motion(times_ns=times_ns[order], rows=rows)
     step_ns = min(a.step_ns, b.step_ns) if len(b) > 1 else a.step_ns
-    times = [together.times_ns]
-    for start, end in together.holes(step_ns):
-        if end - start <= LARGEST_GAP_NS:
-            times.append(_between(start, end, step_ns))
-    return together.at(np.unique(np.concatenate(times)))
+    return together.at(_filled(together.times_ns, together.holes(step_ns), step_ns))
 
 
 def to_tracks(review: store.Review, recording: Recording, *, unreviewed: bool = False) -> tuple[Track, ...]:

@@ -82,12 +82,9 @@ def draw_track(recording: Recording, lasso: Lasso, *, name: str) -> StoredTrack:
     points = points[contains_xy(Polygon(lasso.outline_m).buffer(0), points[:, 0], points[:, 1])]
     if len(points) < FEWEST_POINTS:
         raise UsageError(f"lasso: expected at least {FEWEST_POINTS} points above the road, got {len(points)}")
-    last = len(recording.sweeps) - 1
-    before = range(lasso.sweep - 1, max(lasso.sweep - FARTHEST_SWEEPS, 0) - 1, -1)
-    behind = range(lasso.sweep + 1, min(lasso.sweep + FARTHEST_SWEEPS, last) + 1)
-    points_in = {lasso.sweep: points}
-    points_in |= dict(_followed(recording, points, lasso.sweep, before))
-    points_in |= dict(_followed(recording, points, lasso.sweep, behind))
+    sweeps, points_in = range(len(recording.sweeps)), {lasso.sweep: points}
+    for way in (sweeps[: lasso.sweep][::-1], sweeps[lasso.sweep + 1 :]):
+        points_in |= dict(_followed(recording, points, lasso.sweep, way[:FARTHEST_SWEEPS]))
     return _fitted(recording, dict(sorted(points_in.items())), name)
 
 

@@ -13,17 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bench.annotation.free_space import (
-    HeightGrid,
-    RangeView,
-    Road,
-    count_witness,
-    fit_road,
-    ground_heights,
-    lowest_heights,
-    polar,
-    range_view,
-)
+from bench.annotation import free_space
 from bench.annotation.settings import ProposalSettings
 from bench.geometry import RigidTransform
 from bench.records.recording import Recording, SweepRef
@@ -62,8 +52,8 @@ class Cloud:
     cut_off: NDArray[np.bool_]
     cut_above: NDArray[np.bool_]
     sensor_m: Floats
-    ground: HeightGrid
-    road: Road
+    ground: free_space.HeightGrid
+    road: free_space.Road
 
     @cached_property
     def tree(self) -> KDTree:
@@ -88,9 +78,9 @@ class _Prepared:
     slopes: Floats
     highest_slope: float
     sensor_m: Floats
-    road: Road
-    lowest: HeightGrid
-    view: RangeView
+    road: free_space.Road
+    lowest: free_space.HeightGrid
+    view: free_space.RangeView
 
 
 def clouds(recording: Recording, settings: ProposalSettings) -> Iterator[Cloud]:
@@ -122,11 +112,11 @@ def _prepare(recording: Recording, number: int, ref: SweepRef, settings: Proposa
     rotations, positions_m, valid = recording.trajectory.at(np.array([ref.timestamp_ns], dtype=np.int64))
     if placed is None or not valid[0]:
         return None
-    world, measured = placed.points_world(), polar(placed.points_sensor())
+    world, measured = placed.points_world(), free_space.polar(placed.points_sensor())
     range_m, azimuth_rad, _ = measured
     world_from_vehicle = RigidTransform(rotations[0], positions_m[0])
     vehicle = world_from_vehicle.inverse().apply(world)
-    road = fit_road(vehicle, world_from_vehicle, recording.ground_m)
+    road = free_space.fit_road(vehicle, world_from_vehicle, recording.ground_m)
     levelled = np.column_stack([world[:, :2], road.heights(world)])
     low, high = recording.vehicle_outline_m.min(axis=0), recording.vehicle_outline_m.max(axis=0)
     inside = (vehicle[:, :2] > low - settings.own_margin_m) & (vehicle[:, :2] < high + settings.own_margin_m)
@@ -145,14 +135,14 @@ def _prepare(recording: Recording, number: int, ref: SweepRef, settings: Proposa
         highest_slope=placed.envelope.highest.slope,
         sensor_m=sensor_m,
         road=road,
-        lowest=lowest_heights(levelled[near], sensor_m, settings),
-        view=range_view(placed, measured, usable, road, settings),
+        lowest=free_space.lowest_heights(levelled[near], sensor_m, settings),
+        view=free_space.range_view(placed, measured, usable, road, settings),
     )
 
 
 def _judged(prepared: _Prepared, held: Sequence[_Prepared], settings: ProposalSettings) -> Cloud:
     """Take the ground away, and ask the neighbours."""
-    ground = ground_heights(prepared.lowest, [other.lowest for other in held])
+    ground = free_space.ground_heights(prepared.lowest, [other.lowest for other in held])
     above = prepared.points[:, 2] - ground.at(prepared.points) > settings.ground_m
     highest_rad = np.arctan(max(other.highest_slope for other in held))  # in one sweep it may be an object's own top
     at_top = prepared.slopes > np.tan(highest_rad - settings.beam_edge_rad)
@@ -171,7 +161,7 @@ def _judged(prepared: _Prepared, held: Sequence[_Prepared], settings: ProposalSe
     ]  # fmt: skip
     for k in np.unique(np.linspace(0, len(others) - 1, min(settings.witnesses, len(others))).astype(int)):
         view = others[k].view
-        count_witness(
+        free_space.count_witness(
             points, view.ranges_m, view.middle, view.sensor_from_levelled, settings.lowest_rad,
             1 / settings.elevation_rad, settings.beyond_m, settings.beyond_share, seen_through, met,
         )  # fmt: skip
