@@ -11,7 +11,6 @@ from bench.commands.audit import Audit as Audit
 from bench.commands.audit import audit_reference as audit_reference
 from bench.commands.compare import Comparison as Comparison
 from bench.commands.compare import compare as compare
-from bench.commands.evaluate import Evaluation as Evaluation
 from bench.commands.evaluate import evaluate as evaluate
 from bench.commands.gate import judge as judge
 from bench.commands.leaderboard import LeaderboardReport as LeaderboardReport

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,22 +12,6 @@ from bench.commands.command import PATH, Flag
 from bench.commands.console import Report, Verbosity, note, print_blocks, progress_bar, verbosity
 from bench.commands.run import PROTOCOLS, Run, RunFolder, default_folder, print_runs, run_request, score
 from bench.errors import UsageError
-
-if TYPE_CHECKING:
-    from bench.methods.predictions import PredictionIndex
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Evaluation:
-    """Predictions from disk, scored.
-
-    Attributes:
-        run: the results by the first protocol.
-        found: which predictions are there, and what is wrong with others.
-    """
-
-    run: Run
-    found: PredictionIndex
 
 
 def evaluate(
@@ -45,7 +28,7 @@ def evaluate(
     pictures: Flag = True,
     workers: options.Workers = 1,
     progress: Report | None = None,
-) -> Evaluation:
+) -> Run:
     """Score masks or scores that another program wrote; files are paired with images by name.
 
     Args:
@@ -61,6 +44,9 @@ def evaluate(
         pictures: draw an example image of every category.
         workers: processes, or an executor.
         progress: called with the images done and their number.
+
+    Returns:
+        The results by the first protocol, as `bench.run`; how the predictions fit is in `predictions.json` beside them.
 
     Raises:
         UnknownNameError: no data set, protocol or split of this name.
@@ -101,9 +87,7 @@ def evaluate(
     scored = score(request, executor=executor, pictures=pictures, progress=progress)
     for run in (scored, *scored.others):
         write_report(run.folder / PREDICTIONS, card, method, found)
-    return Evaluation(run=scored, found=found)
+    return scored
 
 
-def show(evaluation: Evaluation) -> int:
-    """Print the run."""
-    return print_runs(evaluation.run)
+show = print_runs
