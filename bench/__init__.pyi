@@ -30,7 +30,7 @@ from bench.commands.view import view as view
 from bench.evaluation.arrays import Score as Score
 from bench.evaluation.arrays import interval as interval
 from bench.evaluation.arrays import score as score
-from bench.gate import Verdict as Verdict
+from bench.gate.verdict import Verdict as Verdict
 from bench.harness.datasets import Dataset as Dataset
 from bench.harness.datasets import Frame as Frame
 from bench.harness.datasets import open_dataset as open_dataset
@@ -38,6 +38,6 @@ from bench.harness.verify import Verification as Verification
 from bench.recordings import RecordingWriter as RecordingWriter
 from bench.reporting.verdict import write_verdict as write_verdict
 from bench.synthesis import synthesize as synthesize
-from bench.validation import ValidationReport as ValidationReport
+from bench.validation.report import ValidationReport as ValidationReport
 
 __version__: str

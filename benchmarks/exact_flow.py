@@ -18,7 +18,7 @@ import bench.synthesis
 from bench.errors import DataError, UsageError
 from bench.methods import MethodInput, Segmentation
 from bench.methods.spherical.method import SphericalMethod
-from bench.reference import visible_region
+from bench.reference.exposure import visible_region
 from bench.synthesis import Scenario, read_scenario
 from bench.synthesis.ego import mounted_rig
 from bench.synthesis.exact_flow import ExactFlowCaster

@@ -19,11 +19,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from bench.evaluation import find_metric, read_sums
 from bench.evaluation.comparison import CASES, SLICE, compare_pairs
-from bench.evaluation.definitions import COUNTS
-from bench.gate import Outcome, Tolerances, load_tolerances
+from bench.evaluation.definitions import COUNTS, find_metric
+from bench.evaluation.sums import read_sums
 from bench.gate.judge import judge_changes
+from bench.gate.tolerances import Tolerances, load_tolerances
+from bench.gate.verdict import Outcome
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "gate.md"

@@ -20,14 +20,18 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, load_protocol, rows, sum_run, summary_of, write_sums
+from bench.evaluation import rows
 from bench.evaluation.counts import BINS
-from bench.evaluation.summary import ProtocolOfRun
-from bench.gate import judge, load_tolerances, read_run_sums
-from bench.harness import Provenance, open_tables, read_run
-from bench.harness.counts import write_counts
+from bench.evaluation.protocol import load_protocol
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.evaluation.summary import ProtocolOfRun, summary_of
+from bench.evaluation.sums import sum_run, write_sums
+from bench.gate.baseline import read_run_sums
+from bench.gate.judge import judge
+from bench.gate.tolerances import load_tolerances
+from bench.harness.counts import open_tables, write_counts
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
-from bench.harness.stored import SUMS, write_run
+from bench.harness.stored import SUMS, Provenance, read_run, write_run
 from bench.methods import build_method
 from bench.records.reference import Direction, IgnoreReason, Status
 from bench.reporting.compare import write_comparison

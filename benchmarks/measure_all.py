@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.atomic import write_text
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.execution import usable_cores
-from bench.flow import DenseFlow, DisFlow, FarnebackFlow
+from bench.flow.dense import DenseFlow, DisFlow, FarnebackFlow
 from bench.harness.digests import library_versions
 from bench.methods import build_method
 from bench.recordings import Recording, load_card, open_dataset

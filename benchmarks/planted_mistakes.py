@@ -26,7 +26,8 @@ import bench
 from bench.execution import use_one_thread
 from bench.recordings.native import native_recordings
 from bench.synthesis import synthesize
-from bench.validation import Finding, RecordingReport, validate_recording
+from bench.validation.findings import Finding
+from bench.validation.report import RecordingReport, validate_recording
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES, Mistake
 

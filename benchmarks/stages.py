@@ -8,13 +8,14 @@ from functools import partial
 from itertools import pairwise
 from time import thread_time
 
-from bench.evaluation import Protocol, SequenceScorer, load_protocol
+from bench.evaluation.protocol import Protocol, load_protocol
+from bench.evaluation.scorer import SequenceScorer
 from bench.execution import single_threaded
-from bench.flow import DenseFlow
+from bench.flow.dense import DenseFlow
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.methods import Scorable
 from bench.recordings import Recording
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 
 STAGES = ("input", "reference", "method", "counts")  # files and ego-motion; regions; answer; pixels
 

@@ -22,9 +22,9 @@ import pandas as pd
 from scipy.stats import kendalltau
 
 import bench
-from bench.annotation import proposal_scores
 from bench.annotation.decisions import to_tracks
 from bench.annotation.drives import evaluate_drives, propose_drives
+from bench.annotation.evaluate import proposal_scores
 from bench.annotation.store import read_review, review_file
 from bench.execution import ProcessExecutor
 from bench.methods.registry import known_methods

@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patches import Polygon as PolygonPatch
 
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.recordings import load_card, open_dataset, read_image, read_truth
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from bench.reference.exposure import Exposure
 from bench.reference.motion import AnnotationIndex
 from bench.reference.scanned import ScannedObject

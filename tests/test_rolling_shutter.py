@@ -11,8 +11,7 @@ from bench.evaluation.protocol import load_protocol
 from bench.harness.frames import FramePipeline
 from bench.methods.registry import build_method
 from bench.recordings import open_native, read_truth
-from bench.reference import visible_region
-from bench.reference.exposure import Exposure
+from bench.reference.exposure import Exposure, visible_region
 from bench.reporting.frame_pictures import SweepViewer
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.ego import mounted_rig, own_body

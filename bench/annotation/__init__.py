@@ -3,15 +3,3 @@
 `propose` needs no labels and learns nothing: what other sweeps saw through has moved. `evaluate_proposals` compares
 with annotations where there are some. How well it works, and where it fails, is told in docs/annotate.md.
 """
-
-from bench.annotation.evaluate import evaluate_proposals, proposal_scores, worst_tracks
-from bench.annotation.proposals import propose
-from bench.annotation.settings import ProposalSettings
-
-__all__ = [
-    "ProposalSettings",
-    "evaluate_proposals",
-    "proposal_scores",
-    "propose",
-    "worst_tracks",
-]

@@ -23,13 +23,13 @@ from bench.annotation.drawing import Lasso, draw_track, sweep_points_world
 from bench.annotation.proposals import EXPLAINED
 from bench.cameras import CameraModel
 from bench.errors import DataError, UsageError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, read_image
 from bench.recordings.validation import FileModel, parse_json
 from bench.records.recording import MOTION_KINDS
 from bench.records.reference import OBJECT_CLASSES
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from bench.reference.regions import Region
 
 Json = dict[str, Any]

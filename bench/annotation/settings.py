@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.records.rules import MotionSettings
 
 MOTION = load_protocol("paper-v1").reference.motion

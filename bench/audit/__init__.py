@@ -13,20 +13,3 @@ Whether the reference ranks methods as the exact masks do, and how many beams it
 Source: the aims are the project's; the split into causes follows section III of Mariotti and Eising 2020, where each
 constraint says what it cannot see.
 """
-
-from bench.audit.causes import FalseCause, MissCause
-from bench.audit.polygons import Compensation
-from bench.audit.run import ALL, AUDIT, AuditSummary, PolygonFigures, Quartiles, Scoring, run_audit
-
-__all__ = [
-    "ALL",
-    "AUDIT",
-    "AuditSummary",
-    "Compensation",
-    "FalseCause",
-    "MissCause",
-    "PolygonFigures",
-    "Quartiles",
-    "Scoring",
-    "run_audit",
-]

@@ -17,7 +17,8 @@ from bench.evaluation.rows import IMAGE, IMAGE_COLUMNS, Row
 from bench.recordings import ImageRef, Recording, Track
 from bench.records.reference import Category, ReferenceFrame, Status
 from bench.records.rules import ReferenceSettings
-from bench.reference import REGION_KINDS, ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
+from bench.reference.regions import REGION_KINDS
 
 
 class Compensation(StrEnum):

@@ -39,9 +39,10 @@ from bench.audit.causes import (
 from bench.audit.polygons import FIT, POLYGONS_SCHEMA, Compensation, PolygonAuditor
 from bench.audit.sources import AuditModel, OpenedSource, StoredAudit, audit_each, same_objects
 from bench.errors import BenchError
-from bench.evaluation import Protocol, SequenceScorer, Summary, summary_of
+from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import Row, to_frame
-from bench.evaluation.summary import ProtocolOfRun, Ratio
+from bench.evaluation.scorer import SequenceScorer
+from bench.evaluation.summary import ProtocolOfRun, Ratio, Summary, summary_of
 from bench.evaluation.sums import add_sums, bin_names, name_bins, sum_frames, sum_objects
 from bench.execution import Progress, SerialExecutor, TaskExecutor
 from bench.harness.answers import write_table
@@ -51,7 +52,7 @@ from bench.harness.manifest import MethodOfRun
 from bench.methods import FlowMethod, Method, MethodInput, Segmentation, ask_method
 from bench.recordings import DatasetCard, ImageRef, Recording, read_truth
 from bench.records.reference import ReferenceFrame, Status
-from bench.reference import REGION_KINDS
+from bench.reference.regions import REGION_KINDS
 
 AUDIT = "audit.json"
 ALL = "all"

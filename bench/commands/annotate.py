@@ -181,8 +181,8 @@ def evaluate_proposals(
     Examples:
         fisheye-bench annotate evaluate demo --out my-evaluation
     """
-    from bench.annotation import proposal_scores, worst_tracks
     from bench.annotation.drives import evaluate_drives, merge_drives
+    from bench.annotation.evaluate import proposal_scores, worst_tracks
     from bench.reporting.findings import write_proposal_scores
 
     if merged is not None and against is None:

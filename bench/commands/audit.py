@@ -15,7 +15,7 @@ from bench.errors import UsageError
 from bench.plain_text import counted
 
 if TYPE_CHECKING:
-    from bench.audit import AuditSummary
+    from bench.audit.run import AuditSummary
     from bench.recordings import DatasetCard
 
 AUDITS = Path("reports/audit")
@@ -73,8 +73,8 @@ def audit_reference(
         fisheye-bench audit demo
     """
     from bench.atomic import output_folder
-    from bench.audit import AUDIT, run_audit
-    from bench.evaluation import load_protocol
+    from bench.audit.run import AUDIT, run_audit
+    from bench.evaluation.protocol import load_protocol
     from bench.methods import build_method
     from bench.reporting.audit import write_tables
 

@@ -15,7 +15,7 @@ from bench.commands.run import NamedRun, Run
 from bench.errors import BenchError, UsageError
 
 if TYPE_CHECKING:
-    from bench.gate import Verdict
+    from bench.gate.verdict import Verdict
 
 FAILED, NO_VERDICT = 1, 3  # exit statuses
 
@@ -55,9 +55,11 @@ def judge(
         fisheye-bench gate reports/runs/demo-spherical --junit gate.xml
         fisheye-bench gate reports/runs/demo-spherical --update
     """
-    from bench.gate import Verdict, find_baseline, load_tolerances, read_baseline, read_run_sums, write_baseline
-    from bench.gate import judge as judge_sums
+    from bench.gate.baseline import find_baseline, read_baseline, read_run_sums, write_baseline
+    from bench.gate.judge import judge as judge_sums
     from bench.gate.judge import judgeable
+    from bench.gate.tolerances import load_tolerances
+    from bench.gate.verdict import Verdict
 
     rules, scored = load_tolerances(tolerances), None
     folder, place = (named.folder if isinstance(named, Run) else Path(named or "") for named in (run, baseline))
@@ -119,8 +121,8 @@ def show(verdict: Verdict, *, junit: Place = None, json: Place = None, github: F
 
 def _print_verdict(verdict: Verdict) -> None:
     """Print what is read first, how to compare the two runs, then the other rows."""
-    from bench.gate import Outcome
     from bench.gate.baseline import how_to_compare
+    from bench.gate.verdict import Outcome
     from bench.reporting.verdict import first_blocks, other_blocks
 
     assert verdict.baseline is not None

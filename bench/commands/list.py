@@ -58,7 +58,7 @@ def _datasets() -> list[Table]:
 
 
 def _methods() -> list[Table]:
-    from bench.harness import scorable_methods
+    from bench.harness.exact import scorable_methods
     from bench.methods import describe_method
     from bench.plug_ins import described
     from bench.reporting.document import Table
@@ -68,7 +68,7 @@ def _methods() -> list[Table]:
 
 
 def _protocols() -> list[Table]:
-    from bench.evaluation import known_protocols, load_protocol
+    from bench.evaluation.protocol import known_protocols, load_protocol
     from bench.records.reference import Category
     from bench.reporting.document import Table
 

@@ -47,7 +47,7 @@ def export_reference(
         fisheye-bench reference export demo --out my-references
     """
     from bench.atomic import refuse_filled
-    from bench.evaluation import load_protocol
+    from bench.evaluation.protocol import load_protocol
     from bench.harness.reference_export import export_references
 
     executor, rules = options.as_executor(workers), load_protocol(protocol)

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from bench.evaluation import ObjectMetrics
+    from bench.evaluation.summary import ObjectMetrics
     from bench.execution import TaskExecutor
-    from bench.harness import RunRequest, RunSummary, ScoredPart, StoredRun
     from bench.harness.manifest import Manifest
+    from bench.harness.run import RunRequest, ScoredPart
+    from bench.harness.stored import RunSummary, StoredRun
     from bench.methods import Scorable
     from bench.recordings import DatasetCard
 
@@ -60,7 +61,7 @@ class Run:
         Raises:
             DataError: missing, damaged, or of a part alone.
         """
-        from bench.harness import read_run
+        from bench.harness.stored import read_run
 
         return read_run(self.folder)
 
@@ -96,7 +97,7 @@ class Run:
 
     @cached_property
     def _tables(self) -> tuple[pa.Table, pa.Table]:
-        from bench.harness import read_tables
+        from bench.harness.stored import read_tables
 
         return read_tables(self.folder, histograms=False)
 
@@ -202,7 +203,7 @@ def run(
         fisheye-bench run demo
         fisheye-bench run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1
     """
-    from bench.harness import parse_part, score_part
+    from bench.harness.run import parse_part, score_part
 
     request = run_request(
         dataset,
@@ -241,10 +242,9 @@ def run_request(
     Raises:
         UnknownNameError, UsageError, DataError: as `run`; a protocol twice, or a folder of something else.
     """
-    from bench.evaluation import load_protocol
-    from bench.harness import RunRequest, build_scorable
-    from bench.harness.exact import require_scorable
-    from bench.harness.run import refuse_foreign
+    from bench.evaluation.protocol import load_protocol
+    from bench.harness.exact import build_scorable, require_scorable
+    from bench.harness.run import RunRequest, refuse_foreign
     from bench.methods.settings import flat_settings
     from bench.recordings.input_errors import named_input_errors
 
@@ -309,7 +309,7 @@ def score(
     Raises:
         DataError: nothing of the data set could be used, or the folder holds another run.
     """
-    from bench.harness import run_benchmark
+    from bench.harness.run import run_benchmark
     from bench.harness.stored import SUMMARY
     from bench.reporting.run_tables import write_report_files
 

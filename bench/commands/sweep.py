@@ -105,8 +105,8 @@ def sweep(
     """
     from bench.atomic import output_folder
     from bench.execution import part_of
-    from bench.harness import run_benchmark
     from bench.harness.references import cache_folder
+    from bench.harness.run import run_benchmark
     from bench.reporting.run_tables import METHOD_ONLY, sweep_report, write_report_files
 
     if "," in str(protocol):

@@ -9,7 +9,7 @@ from bench.commands.console import Report, print_blocks, progress_bar, say
 from bench.commands.options import Dataset, Split, rendered_card
 
 if TYPE_CHECKING:
-    from bench.validation import ValidationReport
+    from bench.validation.report import ValidationReport
 
 
 def validate(
@@ -36,7 +36,7 @@ def validate(
         fisheye-bench validate my-data --deep --json findings.json
     """
     from bench.recordings import open_dataset
-    from bench.validation import validate_dataset
+    from bench.validation.report import validate_dataset
 
     card = rendered_card(dataset, split, as_it_is=True)
     with progress_bar(f"validating {card.name}", "recordings", progress) as report:

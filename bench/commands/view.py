@@ -16,7 +16,7 @@ from bench.commands.console import Report, note_files, progress_bar, say
 from bench.errors import UnknownNameError, UsageError
 
 if TYPE_CHECKING:
-    from bench.harness import FramePipeline
+    from bench.harness.frames import FramePipeline
     from bench.methods import Scorable
     from bench.recordings import DatasetCard, ImageRef, Recording
     from bench.records.reference import ReferenceObject
@@ -81,9 +81,9 @@ def view(
         fisheye-bench view demo --method spherical --frame 20
         fisheye-bench view demo --recording crossing-car --frame 10:40 --video crossing.mp4
     """
-    from bench.evaluation import load_protocol
-    from bench.harness import FramePipeline, build_scorable
-    from bench.harness.frames import InputOnly
+    from bench.evaluation.protocol import load_protocol
+    from bench.harness.exact import build_scorable
+    from bench.harness.frames import FramePipeline, InputOnly
     from bench.reporting.formats import file_name, made_by
     from bench.reporting.frame_pictures import refuse_other_files, write_calibration, write_film
 

@@ -4,30 +4,3 @@ Flow is asked for **from the current image to the previous one**: the pixel x of
 `x + flow[x]` in the previous image. So whatever is computed from it belongs to the current image. Tracks likewise
 start at corners of the current image and go back in time.
 """
-
-from bench.flow.dense import (
-    DENSE_FLOWS,
-    DenseFlow,
-    DisFlow,
-    FarnebackFlow,
-    cell_mean,
-    dense_flow,
-    evict_flow,
-    flow_on_cells,
-    memoise_flow,
-)
-from bench.flow.tracks import LucasKanadeTracker, Tracks
-
-__all__ = [
-    "DENSE_FLOWS",
-    "DenseFlow",
-    "DisFlow",
-    "FarnebackFlow",
-    "LucasKanadeTracker",
-    "Tracks",
-    "cell_mean",
-    "dense_flow",
-    "evict_flow",
-    "flow_on_cells",
-    "memoise_flow",
-]

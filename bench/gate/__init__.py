@@ -15,23 +15,3 @@ Modules: `tolerances` (the rules, versioned files), `baseline` (sums and manifes
 checks, and the verdict on each metric), `verdict` (the result, and what of it is read first);
 `bench.reporting.verdict` writes it for people and CI. Only commands call this package.
 """
-
-from bench.gate.baseline import RunSums, find_baseline, read_baseline, read_run_sums, write_baseline
-from bench.gate.judge import judge
-from bench.gate.tolerances import Tolerances, known_tolerances, load_tolerances
-from bench.gate.verdict import Check, Outcome, Verdict
-
-__all__ = [
-    "Check",
-    "Outcome",
-    "RunSums",
-    "Tolerances",
-    "Verdict",
-    "find_baseline",
-    "judge",
-    "known_tolerances",
-    "load_tolerances",
-    "read_baseline",
-    "read_run_sums",
-    "write_baseline",
-]

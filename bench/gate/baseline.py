@@ -9,11 +9,10 @@ from pathlib import Path
 import pandas as pd
 
 from bench.errors import DataError, UsageError
-from bench.evaluation import read_sums, write_sums
 from bench.evaluation.protocol import known_protocols
-from bench.harness import read_run
+from bench.evaluation.sums import read_sums, write_sums
 from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
-from bench.harness.stored import SUMMARY, SUMS, refuse_unscored, results_folder
+from bench.harness.stored import SUMMARY, SUMS, read_run, refuse_unscored, results_folder
 from bench.recordings.cards import shipped_folder
 
 BASELINES = Path("reports/baselines")

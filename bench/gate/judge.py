@@ -14,17 +14,17 @@ from typing import Any
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation import find_metric, holm
 from bench.evaluation.comparison import (
     SIDES,
     SIGNIFICANCE,
     SLICE,
     compare_pairs,
     excludes_no_change,
+    holm,
     improvements_by_recording,
     pair_sums,
 )
-from bench.evaluation.definitions import COUNTS, IMAGE_FRAMES
+from bench.evaluation.definitions import COUNTS, IMAGE_FRAMES, find_metric
 from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.tolerances import Tolerances, void_rules

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from bench.errors import UnknownNameError
-from bench.evaluation import find_metric
+from bench.evaluation.definitions import find_metric
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.plain_yaml import known_rules, read_rules
 from bench.recordings.validation import FileModel, validated

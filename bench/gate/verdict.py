@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from bench.errors import BenchError
-from bench.evaluation import PairedChange
+from bench.evaluation.comparison import PairedChange
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.manifest import Aspect, Difference, Manifest
 

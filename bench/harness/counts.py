@@ -18,8 +18,9 @@ import pyarrow.parquet as pq
 
 from bench.atomic import open_regular
 from bench.errors import BenchError, DataError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer
-from bench.evaluation.rows import IMAGE, OBJECT, to_frame
+from bench.evaluation.protocol import Protocol
+from bench.evaluation.rows import FRAMES_SCHEMA, IMAGE, OBJECT, OBJECTS_SCHEMA, to_frame
+from bench.evaluation.scorer import SequenceScorer
 from bench.harness.answers import FAILED, Answer, is_answered, name_of, read_table, segmentation_of, write_table
 from bench.harness.exact import read_exact_mask
 from bench.harness.references import StoredReference, message_without_root, reference_of

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import BenchError, UnknownNameError
-from bench.evaluation import load_protocol
 from bench.evaluation.counts import count_frame
+from bench.evaluation.protocol import load_protocol
 from bench.harness.answers import is_answered, segmentation_of
 from bench.harness.exact import read_exact_mask
 from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import DataError, UsageError
-from bench.evaluation import Protocol
+from bench.evaluation.protocol import Protocol
 from bench.geometry import RigidTransform
 from bench.harness.exact import is_oracle
 from bench.methods import Method, MethodInput, Scorable, Segmentation, UnansweredImage, ask_method
@@ -22,7 +22,8 @@ from bench.recordings import ImageRef, Recording, read_image
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns
 from bench.records.recording import frame_gaps
 from bench.records.reference import ReferenceFrame
-from bench.reference import ReferenceBuilder, visible_region
+from bench.reference.build import ReferenceBuilder
+from bench.reference.exposure import visible_region
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

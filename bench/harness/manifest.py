@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field
 import bench
 from bench.atomic import write_text
 from bench.errors import UsageError
-from bench.evaluation import Protocol
+from bench.evaluation.protocol import Protocol
 from bench.evaluation.summary import ProtocolOfRun
 from bench.harness.digests import (
     ANSWER_CODE,

@@ -25,14 +25,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from bench.atomic import new_folder, write_bytes, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation import Protocol
+from bench.evaluation.protocol import Protocol
 from bench.execution import FailedTask, Progress, TaskExecutor, compute_all
 from bench.harness.answers import safe_name
 from bench.harness.references import message_without_root
 from bench.harness.run import first_scored
 from bench.recordings import DatasetCard, ImageRef, RecordingHandle, open_dataset
 from bench.records.reference import ReferenceFrame
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 
 HEAD = "reference.json"
 Entry = dict[str, object]

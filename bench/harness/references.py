@@ -24,7 +24,7 @@ from bench.harness.digests import REFERENCE_CODE, code_digest, digest_of, librar
 from bench.recordings import ImageRef, Recording
 from bench.records.reference import ReferenceFrame
 from bench.records.rules import ReferenceSettings
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 
 CACHE_VARIABLE = "FISHEYE_BENCH_CACHE"
 LIMIT_BYTES = 4 << 30

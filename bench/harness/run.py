@@ -17,10 +17,11 @@ from time import perf_counter
 
 from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import BenchError, DataError, OutputError, UsageError
-from bench.evaluation import Protocol, sum_run, summary_of, write_sums
-from bench.evaluation.summary import Summary, not_annotated
+from bench.evaluation.protocol import Protocol
+from bench.evaluation.summary import Summary, not_annotated, summary_of
+from bench.evaluation.sums import sum_run, write_sums
 from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all, largest_resident_mb
-from bench.flow import evict_flow, memoise_flow
+from bench.flow.dense import evict_flow, memoise_flow
 from bench.harness.answers import (
     ANSWERS,
     FAILED,

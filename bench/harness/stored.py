@@ -31,20 +31,20 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.atomic import write_text
 from bench.errors import DataError, UsageError
-from bench.evaluation import (
-    FRAMES_SCHEMA,
-    OBJECTS_SCHEMA,
-    Protocol,
-    Summary,
-    ThresholdFreeMetrics,
-    load_protocol,
-    read_sums,
-    sum_run,
-    summary_of,
-    threshold_free_metrics,
-)
 from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
-from bench.evaluation.rows import IMAGE, RowsOnCommonImages, RowSource, read_parts, sort_rows
+from bench.evaluation.protocol import Protocol, load_protocol
+from bench.evaluation.rows import (
+    FRAMES_SCHEMA,
+    IMAGE,
+    OBJECTS_SCHEMA,
+    RowsOnCommonImages,
+    RowSource,
+    read_parts,
+    sort_rows,
+)
+from bench.evaluation.summary import Summary, summary_of
+from bench.evaluation.sums import read_sums, sum_run
+from bench.evaluation.thresholds import ThresholdFreeMetrics, threshold_free_metrics
 from bench.execution import largest_resident_mb
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COUNTS, open_tables

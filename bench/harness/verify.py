@@ -17,8 +17,8 @@ import pandas as pd
 
 from bench.atomic import write_text
 from bench.errors import OutputError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, known_protocols, load_protocol
-from bench.evaluation.rows import IMAGE, OBJECT
+from bench.evaluation.protocol import known_protocols, load_protocol
+from bench.evaluation.rows import FRAMES_SCHEMA, IMAGE, OBJECT, OBJECTS_SCHEMA, RowSource
 from bench.evaluation.sums import KEY
 from bench.execution import Progress, TaskExecutor
 from bench.harness.answers import is_answered, segmentation_of

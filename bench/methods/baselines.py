@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from bench.cameras import ray_grid
-from bench.flow import dense_flow
+from bench.flow.dense import dense_flow
 from bench.geometry import Floats, angle_between
 from bench.methods.contract import Method, MethodInput
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.cameras import CameraModel, RayGrid, RollingShutter
-from bench.flow import flow_on_cells
+from bench.flow.dense import flow_on_cells
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import MethodInput
 

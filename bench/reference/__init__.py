@@ -7,9 +7,3 @@ Source:
     Mariotti and Eising, section IV-B: moving objects are annotated in the lidar point cloud and projected into the
     image, where a bounding reference polygon is generated.
 """
-
-from bench.reference.build import ReferenceBuilder
-from bench.reference.exposure import visible_region
-from bench.reference.regions import REGION_KINDS
-
-__all__ = ["REGION_KINDS", "ReferenceBuilder", "visible_region"]

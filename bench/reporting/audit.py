@@ -8,17 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.atomic import write_text
-from bench.audit import (
-    ALL,
-    AuditSummary,
-    Compensation,
-    FalseCause,
-    MissCause,
-    PolygonFigures,
-    Quartiles,
-    Scoring,
-)
-from bench.evaluation import Metric, find_metric
+from bench.audit.causes import FalseCause, MissCause
+from bench.audit.polygons import Compensation
+from bench.audit.run import ALL, AuditSummary, PolygonFigures, Quartiles, Scoring
+from bench.evaluation.definitions import find_metric
+from bench.evaluation.summary import Metric
 from bench.plain_text import counted
 from bench.reporting.document import Block, Column, Heading, Paragraph, Table, to_markdown
 from bench.reporting.formats import INTERVALS, LABELS, hundredths, short_interval

@@ -21,17 +21,16 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation import changes_in_parts, compare_sums, find_metric, headlines, holm
-from bench.evaluation.comparison import SIGNIFICANCE, SLICE, excludes_no_change
-from bench.evaluation.definitions import false_share, image_metrics, object_metrics
+from bench.evaluation.comparison import SIGNIFICANCE, SLICE, changes_in_parts, compare_sums, excludes_no_change, holm
+from bench.evaluation.definitions import false_share, find_metric, headlines, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
 from bench.evaluation.rows import EVALUATED, IMAGE, count_rows, merge_rows, pick, read_pairs
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.execution import Progress
-from bench.harness import FramePipeline, ProcessedFrame, StoredRun, read_run
 from bench.harness.digests import short_digest
+from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.manifest import Aspect, Manifest, all_settings, differences
-from bench.harness.stored import reference_digest, refuse_unscored
+from bench.harness.stored import StoredRun, read_run, reference_digest, refuse_unscored
 from bench.plain_text import counted
 from bench.reporting import formats
 from bench.reporting.document import (

@@ -34,8 +34,10 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
-from bench.evaluation import Metric, find_metric, threshold_sweep
+from bench.evaluation.definitions import find_metric
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.summary import Metric
+from bench.evaluation.thresholds import threshold_sweep
 from bench.harness.stored import StoredRun
 from bench.plain_text import counted, plain
 from bench.records.reference import Direction

@@ -13,7 +13,8 @@ from bench.methods.predictions import FaultKind, PredictionIndex
 from bench.plain_text import counted, listed
 from bench.reporting import formats
 from bench.reporting.document import Block, Column, Heading, Heads, Paragraph, Report, Style, Table
-from bench.validation import Count, Finding, RecordingReport, Severity, ValidationReport
+from bench.validation.findings import Finding, Severity
+from bench.validation.report import Count, RecordingReport, ValidationReport
 
 SHOWN = 5  # findings of one check in one recording, of which the file has all; faults of a kind
 SHOWN_PLACES = 3  # of findings that read alike

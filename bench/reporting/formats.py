@@ -7,9 +7,10 @@ import re
 from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
 
-from bench.evaluation import Metric, Protocol, Summary, headlines
-from bench.evaluation.definitions import HALF, IMAGE_FRAMES
+from bench.evaluation.definitions import HALF, IMAGE_FRAMES, headlines
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.protocol import Protocol
+from bench.evaluation.summary import Metric, Summary
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.records.reference import Category, ReferenceFrame
 from bench.reporting.document import Bar, Cell

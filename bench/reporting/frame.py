@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from shapely import box, get_parts, get_rings
 
 from bench.evaluation.counts import ObjectCounts, count_frame
-from bench.harness import ProcessedFrame
+from bench.harness.frames import ProcessedFrame
 from bench.plain_text import counted, plain
 from bench.records.reference import (
     Category,

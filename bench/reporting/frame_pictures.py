@@ -23,12 +23,10 @@ from scipy.spatial.transform import Rotation
 from bench.atomic import refuse_foreign, replacing, write_bytes
 from bench.cameras import ray_grid
 from bench.errors import BenchError, OutputError, UsageError
-from bench.evaluation import RowSource
-from bench.evaluation.rows import EVALUATED, IMAGE, pick, read_parts
+from bench.evaluation.rows import EVALUATED, IMAGE, RowSource, pick, read_parts
 from bench.execution import Progress
-from bench.harness import FramePipeline, ProcessedFrame
 from bench.harness.datasets import StoredFrames
-from bench.harness.frames import UnscorableFrame
+from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
 from bench.harness.stored import StoredRun
 from bench.plain_text import counted
 from bench.recordings import Cuboid, DatasetCard, ImageRef, read_image

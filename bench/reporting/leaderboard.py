@@ -17,7 +17,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.errors import BenchError, DataError, UsageError
-from bench.evaluation import Metric, ObjectMetrics, Summary, find_metric
+from bench.evaluation.definitions import find_metric
+from bench.evaluation.summary import Metric, ObjectMetrics, Summary
 from bench.evaluation.sums import ALL_MOVING
 from bench.harness.answers import read_seconds
 from bench.harness.digests import short_digest

@@ -19,14 +19,24 @@ import pyarrow as pa
 from matplotlib.figure import Figure
 
 from bench.atomic import write_output
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, RowSource, find_metric, published
-from bench.evaluation.definitions import IMAGE_FRAMES, coverage, false_share, intersection_over_union
+from bench.evaluation import published
+from bench.evaluation.definitions import IMAGE_FRAMES, coverage, false_share, find_metric, intersection_over_union
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, read_parts, sort_rows
+from bench.evaluation.rows import (
+    EVALUATED,
+    FRAMES_SCHEMA,
+    IMAGE,
+    OBJECT,
+    OBJECTS_SCHEMA,
+    RowSource,
+    pick,
+    read_parts,
+    sort_rows,
+)
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.execution import Progress
-from bench.harness import ProcessedFrame
+from bench.harness.frames import ProcessedFrame
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import counted
 from bench.records.reference import Category

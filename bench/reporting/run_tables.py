@@ -14,12 +14,15 @@ from pathlib import Path
 import pandas as pd
 
 from bench.errors import BenchError
-from bench.evaluation import Metric, Protocol, ThresholdFreeMetrics, definitions, find_metric, published
+from bench.evaluation import definitions, published
+from bench.evaluation.definitions import find_metric
+from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
-from bench.evaluation.summary import Summary, not_annotated
+from bench.evaluation.summary import Metric, Summary, not_annotated
 from bench.evaluation.sums import ALL_MOVING
-from bench.harness import Provenance, RunSummary, StoredRun
+from bench.evaluation.thresholds import ThresholdFreeMetrics
 from bench.harness.manifest import Manifest
+from bench.harness.stored import Provenance, RunSummary, StoredRun
 from bench.plain_text import counted
 from bench.recordings import load_card
 from bench.records.reference import Category, IgnoreReason

@@ -21,7 +21,7 @@ from junitparser.junitparser import FinalResult
 
 from bench.atomic import write_output
 from bench.errors import UsageError
-from bench.evaluation import find_metric, headlines
+from bench.evaluation.definitions import find_metric, headlines
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.gate.verdict import Outcome, Row, Verdict
 from bench.plain_text import counted, plain

@@ -6,22 +6,3 @@ look at files, values and labels (`quick`), fits try one sensor against another 
 those of physics and of everyday bodies, in `findings`; what a sensor measured is tried against another (the path
 against lidar sweeps, boxes against the points in them, stated velocities against positions).
 """
-
-from bench.validation.findings import Finding, Severity
-from bench.validation.report import (
-    Count,
-    RecordingReport,
-    ValidationReport,
-    validate_dataset,
-    validate_recording,
-)
-
-__all__ = [
-    "Count",
-    "Finding",
-    "RecordingReport",
-    "Severity",
-    "ValidationReport",
-    "validate_dataset",
-    "validate_recording",
-]

@@ -31,9 +31,9 @@ from scipy.stats import kendalltau
 
 from bench.audit.sources import StoredAudit, audit_each
 from bench.errors import UsageError
-from bench.evaluation import Definition, load_protocol
-from bench.evaluation.definitions import UNKNOWN
+from bench.evaluation.definitions import UNKNOWN, Definition
 from bench.evaluation.intervals import FEWEST_RECORDINGS
+from bench.evaluation.protocol import load_protocol
 from bench.evaluation.sums import TERMS, bin_names
 from bench.execution import Progress, TaskExecutor
 from bench.recordings import DatasetCard

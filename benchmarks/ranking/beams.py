@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.audit import ALL
+from bench.audit.run import ALL
 from bench.audit.sources import OpenedSource, StoredAudit, audit_each, same_objects
 from bench.errors import DataError, UsageError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.execution import Progress, TaskExecutor
 from bench.lidar import LidarSweep

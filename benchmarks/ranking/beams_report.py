@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from bench.atomic import write_text
-from bench.audit import ALL
+from bench.audit.run import ALL
 from bench.evaluation.sums import ALL_MOVING
 from bench.reporting import figures, formats
 from bench.reporting.audit import sections

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.errors import UsageError
-from bench.evaluation import Protocol
+from bench.evaluation.protocol import Protocol
 from bench.harness.frames import FramePipeline, InputOnly, UnscorableFrame
 from bench.methods import Method, MethodInput, Scorable, UnansweredImage, ask_method, build_method
 from bench.methods.settings import parse_settings
 from bench.recordings import Recording
 from bench.records.reference import ReferenceFrame
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from benchmarks.ranking.wrong_masks import WrongMasks
 
 # What `--methods all` stands for: real methods, good and bad, then exact masks that are wrong in known ways.

@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from bench.audit.sources import OpenedSource, same_objects
 from bench.errors import BenchError
-from bench.evaluation import Protocol, count_frame, find_metric, load_protocol
-from bench.evaluation.counts import Mask
-from bench.evaluation.definitions import UNKNOWN
+from bench.evaluation.counts import Mask, count_frame
+from bench.evaluation.definitions import UNKNOWN, find_metric
+from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.rows import Row
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, name_bins, sum_metrics
 from bench.harness.frames import UnscorableFrame
 from bench.recordings import Recording, read_truth
 from bench.records.reference import Category, ReferenceFrame, ReferenceObject, Status
 from bench.records.rules import ReferenceSettings
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from benchmarks.ranking.predictions import CameraPredictions, Prediction
 
 FALSE_POSITIVES = "false_positives"

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.execution import SerialExecutor
-from bench.harness import build_scorable
+from bench.harness.exact import build_scorable
 from bench.lidar import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.evaluation import load_protocol
-from bench.harness import FramePipeline, build_scorable
+from bench.evaluation.protocol import load_protocol
+from bench.harness.exact import build_scorable
+from bench.harness.frames import FramePipeline
 from bench.recordings import load_card, open_dataset
 from tests.support.runs import run_one
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bench.evaluation import read_sums
-from bench.gate import load_tolerances
+from bench.evaluation.sums import read_sums
+from bench.gate.tolerances import load_tolerances
 from benchmarks import false_alarms
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.methods import build_method
 from bench.recordings import load_card
 from benchmarks.ranking.__main__ import main

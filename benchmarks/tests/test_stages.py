@@ -1,7 +1,7 @@
 """What `make perf` times does the work it says; how long it takes is not asserted."""
 
-from bench.evaluation import load_protocol
-from bench.flow import DisFlow
+from bench.evaluation.protocol import load_protocol
+from bench.flow.dense import DisFlow
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset
 from benchmarks.stages import measure, reference_ms

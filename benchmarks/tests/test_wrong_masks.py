@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.harness import FramePipeline
-from bench.harness.frames import InputOnly
+from bench.harness.frames import FramePipeline, InputOnly
 from bench.recordings import load_card, open_dataset, read_truth
 from benchmarks.ranking.wrong_masks import WrongMasks, merged, with_ghost
 from tests.evaluation.frames import picture

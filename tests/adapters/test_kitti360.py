@@ -9,11 +9,11 @@ import pytest
 from bench.adapters.kitti360_boxes import read_boxes
 from bench.adapters.kitti_files import read_clock
 from bench.errors import DataError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED
 from bench.records.reference import IgnoreReason, Status
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.support import data_sets
 from tests.support import tiny_kitti360 as tiny
 from tests.support.real import REAL, needs_real

@@ -7,9 +7,9 @@ import pytest
 
 from bench.adapters.kitti_raw import CLASSES, read_tracklets
 from bench.errors import DataError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.support import data_sets
 from tests.support import tiny_kitti_raw as tiny
 from tests.support.real import REAL, needs_real

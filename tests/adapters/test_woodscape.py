@@ -6,12 +6,12 @@ import pytest
 
 from bench.adapters.woodscape import WoodscapeOptions, read_camera, woodscape_recordings
 from bench.errors import DataError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.harness.run import cut_tasks
 from bench.methods import build_method
 from bench.recordings import load_card, open_dataset, read_image
 from bench.records.reference import IgnoreReason, Status
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.support import tiny_woodscape as tiny
 from tests.support.planting import change_json
 from tests.support.real import REAL, needs_real

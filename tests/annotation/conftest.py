@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from bench.annotation import propose
+from bench.annotation.proposals import propose
 from bench.annotation.server import ReviewServer
 from bench.annotation.session import Session
 from bench.annotation.store import review_file, write_review

@@ -5,8 +5,8 @@ from math import radians
 
 import numpy as np
 
-from bench.annotation import ProposalSettings
 from bench.annotation.decisions import to_tracks
+from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import Review
 from bench.recordings import open_native
 from tests.support import drive

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.annotation import evaluate_proposals, proposal_scores, worst_tracks
+from bench.annotation.evaluate import evaluate_proposals, proposal_scores, worst_tracks
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.records.recording import NOT_ANNOTATED, Annotated, Cuboid

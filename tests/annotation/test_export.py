@@ -16,7 +16,7 @@ from bench.annotation import store
 from bench.annotation.decisions import applied, to_tracks
 from bench.annotation.formats.conversion import store_labels
 from bench.errors import OutputError
-from bench.harness import read_run
+from bench.harness.stored import read_run
 from bench.recordings import open_native, read_annotations
 from bench.recordings.annotations import NOT_REVIEWED
 from tests.support.commands import called_here, error_line

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.annotation import evaluate_proposals, proposal_scores, propose
 from bench.annotation.boxes import Box, guess_class
 from bench.annotation.decisions import undecided
-from bench.annotation.proposals import is_own
+from bench.annotation.evaluate import evaluate_proposals, proposal_scores
+from bench.annotation.proposals import is_own, propose
 from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Tracker
 from bench.errors import DataError

@@ -6,7 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from bench.annotation import evaluate_proposals, proposal_scores, propose
+from bench.annotation.evaluate import evaluate_proposals, proposal_scores
+from bench.annotation.proposals import propose
 from bench.annotation.settings import ProposalSettings
 from bench.recordings import open_native
 from tests.annotation.street import annotated

@@ -12,8 +12,8 @@ import pytest
 
 from bench.annotation.decisions import applied, to_tracks
 from bench.annotation.store import read_review, review_file
-from bench.evaluation import load_protocol
-from bench.reference import ReferenceBuilder
+from bench.evaluation.protocol import load_protocol
+from bench.reference.build import ReferenceBuilder
 from tests.support.reviews import DRIVE
 
 ACCEPT = {"action": "accept", "tracks": ["p000"]}

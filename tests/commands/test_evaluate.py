@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import bench
-from bench.harness import read_run, read_tables
+from bench.harness.stored import read_run, read_tables
 from bench.methods import Segmentation, build_method
 from bench.recordings import load_card, open_dataset
 from bench.records.reference import ReferenceFrame

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from junitparser import JUnitXml
 
-from bench.evaluation import load_protocol
-from bench.gate import find_baseline, read_run_sums, write_baseline
+from bench.evaluation.protocol import load_protocol
+from bench.gate.baseline import find_baseline, read_run_sums, write_baseline
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.recordings.cards import shipped_folder

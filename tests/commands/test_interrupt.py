@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from troubled import Troubled
 
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.recordings import load_card
 from tests.harness.conftest import trouble
 from tests.support.commands import called_here

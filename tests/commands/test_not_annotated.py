@@ -7,7 +7,7 @@ import pytest
 
 from bench import open_dataset, score
 from bench.errors import UsageError
-from bench.harness import read_run, read_tables
+from bench.harness.stored import read_run, read_tables
 from tests.support.cards import write_card
 from tests.support.commands import call, called_here, error_line
 

@@ -10,7 +10,7 @@ import pytest
 
 import bench
 from bench.harness.reference_export import label_image
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call, output_of
 

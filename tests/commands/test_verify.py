@@ -10,8 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.commands.verify import card_to_verify
-from bench.evaluation import Protocol, load_protocol, read_sums, sum_run, summary_of, write_sums
-from bench.harness import open_tables, read_run
+from bench.evaluation.protocol import Protocol, load_protocol
+from bench.evaluation.summary import summary_of
+from bench.evaluation.sums import read_sums, sum_run, write_sums
+from bench.harness.counts import open_tables
+from bench.harness.stored import read_run
 from bench.recordings.cards import shipped_folder
 from tests.conftest import DATASETS
 from tests.support.changed_data import without_scenario

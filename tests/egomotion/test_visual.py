@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.egomotion import VisualOdometry, camera_motion
 from bench.errors import ShapeError, UsageError
-from bench.flow import LucasKanadeTracker
+from bench.flow.tracks import LucasKanadeTracker
 from bench.geometry import angle_between, normalise
 from bench.recordings import load_card, open_dataset, read_image
 from tests.support.real import needs_real

@@ -10,8 +10,11 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, Protocol, SequenceScorer, Summary, load_protocol, sum_run
-from bench.evaluation.rows import FRAME_COUNTS, IMAGE
+from bench.evaluation.protocol import Protocol, load_protocol
+from bench.evaluation.rows import FRAME_COUNTS, FRAMES_SCHEMA, IMAGE, OBJECTS_SCHEMA
+from bench.evaluation.scorer import SequenceScorer
+from bench.evaluation.summary import Summary
+from bench.evaluation.sums import sum_run
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
 from tests.support.result_rows import TableRows, summarise

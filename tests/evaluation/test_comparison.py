@@ -8,8 +8,15 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from bench.evaluation import PairedChange, changes_in_parts, compare_sums, holm
-from bench.evaluation.comparison import CHANGES, improvements_by_recording, pair_sums
+from bench.evaluation.comparison import (
+    CHANGES,
+    PairedChange,
+    changes_in_parts,
+    compare_sums,
+    holm,
+    improvements_by_recording,
+    pair_sums,
+)
 from bench.evaluation.sums import KEY, TERMS
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import random_run, random_sums, scored, shuffled, summary_of

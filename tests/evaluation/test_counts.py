@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from bench.errors import ShapeError
-from bench.evaluation import FRAMES_SCHEMA, OBJECTS_SCHEMA, SequenceScorer
 from bench.evaluation.counts import (
     ChanceScorer,
     FrameCounts,
@@ -21,6 +20,8 @@ from bench.evaluation.counts import (
     count_frame,
     share_in_proportion,
 )
+from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
+from bench.evaluation.scorer import SequenceScorer
 from bench.records.reference import IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
 from bench.times import SECOND_NS

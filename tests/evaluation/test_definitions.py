@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from bench.errors import UnknownNameError
-from bench.evaluation import find_metric, headlines, load_protocol, published
-from bench.evaluation.definitions import OBJECT_FRAMES, Definition, cause_metric, image_metrics, object_metrics
+from bench.evaluation import published
+from bench.evaluation.definitions import (
+    OBJECT_FRAMES,
+    Definition,
+    cause_metric,
+    find_metric,
+    headlines,
+    image_metrics,
+    object_metrics,
+)
+from bench.evaluation.protocol import load_protocol
 from bench.evaluation.rows import to_frame
 from bench.records.reference import Category
 from tests.evaluation.runs import random_run

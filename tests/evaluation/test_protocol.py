@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from bench.errors import DataError
-from bench.evaluation import known_protocols, load_protocol
+from bench.evaluation.protocol import known_protocols, load_protocol
 from bench.records.reference import Category
 
 # A released protocol is never edited, only superseded by a new file with a line of its own here.

@@ -11,9 +11,11 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 
-from bench.evaluation import Metric, Summary, definitions, find_metric, load_protocol
+from bench.evaluation import definitions
 from bench.evaluation import summary as summary_module
-from bench.evaluation.summary import FalsePositiveMetrics, ObjectMetrics, SegmentationMetrics
+from bench.evaluation.definitions import find_metric
+from bench.evaluation.protocol import load_protocol
+from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics, SegmentationMetrics, Summary
 from bench.records.reference import Category, ReferenceFrame, Status
 from tests.evaluation.frames import frames, mask, picture, reference_frame, reference_object
 from tests.evaluation.runs import joined, random_run, scored, summary_of

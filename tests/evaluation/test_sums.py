@@ -10,11 +10,11 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import RowSource, read_sums, rows, sum_run, write_sums
+from bench.evaluation import rows
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.sums import KEY
-from bench.harness import open_tables
-from bench.harness.counts import StoredRows
+from bench.evaluation.rows import RowSource
+from bench.evaluation.sums import KEY, read_sums, sum_run, write_sums
+from bench.harness.counts import StoredRows, open_tables
 from bench.records.reference import Direction
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, random_sums, scored, shuffled

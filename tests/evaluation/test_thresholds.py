@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.evaluation import SequenceScorer, ThresholdFreeMetrics, threshold_free_metrics, threshold_sweep
 from bench.evaluation.counts import BINS, EDGES, PAPER_THRESHOLD, SCORE_EDGES, find_bins
-from bench.evaluation.thresholds import ThresholdSweep
+from bench.evaluation.scorer import SequenceScorer
+from bench.evaluation.thresholds import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import mask, picture, reference_frame
 from tests.evaluation.runs import PAPER, random_run, scored, shuffled, summary_of

@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from bench.errors import ShapeError, UnknownNameError, UsageError
-from bench.flow import DENSE_FLOWS, LucasKanadeTracker, cell_mean, dense_flow
+from bench.flow.dense import DENSE_FLOWS, cell_mean, dense_flow
+from bench.flow.tracks import LucasKanadeTracker
 
 GREY = np.zeros((10, 10), np.uint8)
 

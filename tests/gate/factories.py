@@ -9,8 +9,10 @@ import pandas as pd
 
 from bench.evaluation.definitions import image_metrics, object_metrics
 from bench.evaluation.sums import CATEGORY, FRAMES, KEY, TERMS
-from bench.gate import RunSums, Tolerances, Verdict, judge, load_tolerances
-from bench.gate.tolerances import Tolerance
+from bench.gate.baseline import RunSums
+from bench.gate.judge import judge
+from bench.gate.tolerances import Tolerance, Tolerances, load_tolerances
+from bench.gate.verdict import Verdict
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest
 from tests.support.manifests import manifest
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.gate import read_baseline, write_baseline
+from bench.gate.baseline import read_baseline, write_baseline
 from tests.gate.factories import one, scored, sums
 
 BASELINES = Path(__file__).parents[2] / "reports" / "baselines"

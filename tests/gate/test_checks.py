@@ -7,8 +7,9 @@ import pytest
 
 from bench.errors import UsageError
 from bench.evaluation.summary import ProtocolOfRun
-from bench.gate import Outcome, load_tolerances
 from bench.gate.baseline import how_to_compare
+from bench.gate.tolerances import load_tolerances
+from bench.gate.verdict import Outcome
 from bench.reporting.verdict import change_lines
 from tests.gate.factories import ALL_DECIDE, RULES, changed, one, scored, sums, verdict_of
 from tests.support.manifests import method_of_run

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.evaluation import PairedChange, compare_sums
-from bench.gate import Outcome, RunSums, judge
+from bench.evaluation.comparison import PairedChange, compare_sums
+from bench.gate.baseline import RunSums
+from bench.gate.judge import judge
+from bench.gate.verdict import Outcome
 from tests.evaluation.runs import random_sums
 from tests.gate.factories import ALL_DECIDE, RULES, TOLERATED, one, scored, sums, verdict_of
 

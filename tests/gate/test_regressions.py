@@ -12,11 +12,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from bench.evaluation import load_protocol, sum_run, write_sums
 from bench.evaluation.definitions import COUNTS
-from bench.gate import Outcome, Verdict, judge, load_tolerances, read_run_sums, write_baseline
+from bench.evaluation.protocol import load_protocol
+from bench.evaluation.sums import sum_run, write_sums
+from bench.gate.baseline import read_run_sums, write_baseline
+from bench.gate.judge import judge
+from bench.gate.tolerances import load_tolerances
+from bench.gate.verdict import Outcome, Verdict
 from bench.geometry import RigidTransform
-from bench.harness import open_tables
+from bench.harness.counts import open_tables
 from bench.harness.stored import SUMS
 from bench.methods import MethodInput, Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod

@@ -6,7 +6,8 @@ from importlib import resources
 import pytest
 
 from bench.errors import DataError
-from bench.gate import Outcome, known_tolerances, load_tolerances
+from bench.gate.tolerances import known_tolerances, load_tolerances
+from bench.gate.verdict import Outcome
 from bench.reporting.verdict import change_lines
 from tests.gate.factories import one, verdict_of
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.evaluation import load_protocol
-from bench.harness import read_tables
+from bench.evaluation.protocol import load_protocol
+from bench.harness.stored import read_tables
 from bench.methods import build_method
 from bench.recordings import load_card
 from tests.support.runs import run_one

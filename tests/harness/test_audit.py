@@ -8,7 +8,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from bench.audit import AuditSummary, Compensation, FalseCause, MissCause, Scoring, run_audit
+from bench.audit.causes import FalseCause, MissCause
+from bench.audit.polygons import Compensation
+from bench.audit.run import AuditSummary, Scoring, run_audit
 from bench.errors import DataError
 from bench.execution import ProcessExecutor
 from bench.methods import build_method

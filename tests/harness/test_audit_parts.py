@@ -13,10 +13,11 @@ from hypothesis.extra import numpy as npst
 from bench.audit.causes import Evidence, FalseCause, MissCause, false_causes, miss_causes
 from bench.audit.polygons import Compensation, lenient, region_fit, with_compensation
 from bench.audit.sources import same_objects
-from bench.evaluation import count_frame, load_protocol
+from bench.evaluation.counts import count_frame
+from bench.evaluation.protocol import load_protocol
 from bench.recordings import load_card, open_dataset
 from bench.records.reference import IgnoreReason, Status
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 
 

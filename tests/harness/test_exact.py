@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from bench.errors import UsageError
-from bench.harness import FramePipeline, build_scorable, read_run, scorable_methods
-from bench.harness.exact import ReferenceItself, moving_instances
+from bench.harness.exact import ReferenceItself, build_scorable, moving_instances, scorable_methods
+from bench.harness.frames import FramePipeline
+from bench.harness.stored import read_run
 from bench.methods import build_method, known_methods
 from bench.recordings import load_card, open_dataset, read_truth
 from tests.support.changed_data import without_scenario

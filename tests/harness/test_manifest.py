@@ -3,7 +3,7 @@
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.harness.manifest import AnswersManifest, Aspect, differences, read_manifest, write_manifest
 from tests.support.manifests import manifest
 

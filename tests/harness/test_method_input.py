@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bench.errors import DataError, UsageError
-from bench.harness import FramePipeline, read_run, read_tables
+from bench.harness.frames import FramePipeline
+from bench.harness.stored import read_run, read_tables
 from bench.methods import Method, MethodInput, Segmentation
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.input_errors import named_input_errors

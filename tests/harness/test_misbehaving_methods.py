@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bench.errors import BenchError
-from bench.harness import FramePipeline, read_run, read_tables
+from bench.harness.frames import FramePipeline
+from bench.harness.stored import read_run, read_tables
 from bench.methods import Method, Segmentation, ask_method, build_method
 from bench.recordings import load_card, open_dataset
 from tests.support.runs import score

@@ -7,8 +7,8 @@ import pytest
 
 from bench.errors import DataError
 from bench.execution import ProcessExecutor
-from bench.harness import read_run, read_tables
 from bench.harness.manifest import Manifest, read_manifest
+from bench.harness.stored import read_run, read_tables
 from tests.support.runs import PAPER, score
 
 

@@ -12,10 +12,9 @@ from remembering import Remembering
 
 from bench.atomic import is_temporary, temporary_name
 from bench.errors import DataError, UsageError
-from bench.evaluation import load_protocol
 from bench.evaluation.counts import BINS, EDGES, SCORE_EDGES, find_bins
+from bench.evaluation.protocol import load_protocol
 from bench.execution import ProcessExecutor
-from bench.harness import RunRequest, build_scorable, parse_part, read_run, run_benchmark, score_part
 from bench.harness.answers import (
     FAILED,
     answer_row,
@@ -30,14 +29,16 @@ from bench.harness.answers import (
 )
 from bench.harness.datasets import StoredFrames
 from bench.harness.digests import RecordingDigests, digest_recording
+from bench.harness.exact import build_scorable
 from bench.harness.frames import InputOnly
 from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
 from bench.harness.references import evict_cache, find_references, pack_reference, reference_of
-from bench.harness.run import cut_tasks, plan_recording, process_task
+from bench.harness.run import RunRequest, cut_tasks, parse_part, plan_recording, process_task, run_benchmark, score_part
+from bench.harness.stored import read_run
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
 from bench.recordings import load_card, open_dataset
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.evaluation.frames import reference_frame
 from tests.support.changed_data import (
     change_annotation,

@@ -8,10 +8,10 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import Metric, sum_run, summary_of
 from bench.evaluation.maps import range_maps
-from bench.harness import read_run, read_tables
-from bench.harness.stored import HISTOGRAMS
+from bench.evaluation.summary import Metric, summary_of
+from bench.evaluation.sums import sum_run
+from bench.harness.stored import HISTOGRAMS, read_run, read_tables
 from tests.support.counts import change_table, counts_file
 from tests.support.runs import PAPER, score
 

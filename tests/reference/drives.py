@@ -8,7 +8,7 @@ import shapely
 
 from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import Trajectory
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
 from bench.geometry.raster import Raster, rasterise
 from bench.lidar import LidarSweep
@@ -24,7 +24,7 @@ from bench.records.reference import (
     pixels_object,
 )
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from bench.reference.regions import Region
 from tests.support.worlds import beams
 

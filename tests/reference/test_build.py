@@ -14,8 +14,9 @@ from bench.errors import DataError, UsageError
 from bench.recordings import ImageRef, ObjectState, PointIndices, Track
 from bench.records.recording import ALWAYS_NS, COMPLETELY, NOT_ANNOTATED, Annotated
 from bench.records.reference import Category, Direction, IgnoreReason, ReferenceFrame, Status
-from bench.reference import ReferenceBuilder, build
+from bench.reference import build
 from bench.reference.bands import with_band
+from bench.reference.build import ReferenceBuilder
 from bench.reference.motion import AnnotationIndex
 from bench.reference.silhouette import TALLEST_M, left_out_pixels
 from bench.reference.sweeps import SweepCache

@@ -7,8 +7,7 @@ import pytest
 
 from bench.cameras import RollingShutter
 from bench.geometry import RigidTransform
-from bench.reference import visible_region
-from bench.reference.exposure import Exposure
+from bench.reference.exposure import Exposure, visible_region
 from tests.reference.drives import LENS, MOUNT, MS, Box, camera, circle, drive, reference_of, with_settings
 from tests.support.rolling import seen_by_rows
 

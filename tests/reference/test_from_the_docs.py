@@ -16,10 +16,10 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.recordings import load_card, open_dataset
-from bench.reference import ReferenceBuilder
 from bench.reference.bands import pixels_per_radian
+from bench.reference.build import ReferenceBuilder
 from bench.reference.grid import Envelope, find_envelope
 from bench.reference.motion import AnnotationIndex
 from bench.reference.patches import MARGIN_PX, draw

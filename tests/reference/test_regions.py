@@ -16,10 +16,9 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import PointIndices
 from bench.records.reference import IgnoreReason, RegionKindName, Status
-from bench.reference import REGION_KINDS
 from bench.reference.grid import find_grid
 from bench.reference.patches import covered_pixels, without_slits
-from bench.reference.regions import compose, hull_polygon, trace_polygon
+from bench.reference.regions import REGION_KINDS, compose, hull_polygon, trace_polygon
 from tests.reference.drives import (
     ERRORS,
     LEGS,

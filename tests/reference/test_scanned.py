@@ -10,7 +10,7 @@ from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Status
-from bench.reference import ReferenceBuilder
+from bench.reference.build import ReferenceBuilder
 from tests.reference.drives import (
     ERRORS,
     LIDAR,

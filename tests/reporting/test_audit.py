@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.audit import AuditSummary, MissCause, run_audit
-from bench.evaluation import load_protocol
+from bench.audit.causes import MissCause
+from bench.audit.run import AuditSummary, run_audit
+from bench.evaluation.protocol import load_protocol
 from bench.methods import build_method
 from bench.recordings import load_card
 from bench.reporting.audit import audit_tables, write_tables

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from bench.evaluation import load_protocol
 from bench.evaluation.definitions import HALF
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.protocol import load_protocol
 from bench.records.reference import Direction
 from bench.reporting.figures import (
     HALF_TITLE,

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 from matplotlib.colors import to_hex
 
-from bench.evaluation import FalsePositiveMetrics, ObjectMetrics, ThresholdFreeMetrics
-from bench.evaluation.summary import Metric
-from bench.harness import read_run
+from bench.evaluation.summary import FalsePositiveMetrics, Metric, ObjectMetrics
+from bench.evaluation.thresholds import ThresholdFreeMetrics
+from bench.harness.stored import read_run
 from bench.reporting.document import to_markdown
 from bench.reporting.figures import BLUE, GREEN, PURPLE, VERMILION, draw_sweep
 from bench.reporting.formats import headline_metrics, interval, percent, short_interval

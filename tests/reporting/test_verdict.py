@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 import pytest
 from junitparser import JUnitXml
 
-from bench.gate import Check, Outcome
 from bench.gate.tolerances import Tolerance
+from bench.gate.verdict import Check, Outcome
 from bench.reporting import verdict
 from bench.reporting.document import Paragraph
 from bench.reporting.verdict import (

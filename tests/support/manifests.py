@@ -1,9 +1,9 @@
 """Manifests and provenance of runs that tests write by hand."""
 
-from bench.evaluation import Protocol, load_protocol
+from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.summary import ProtocolOfRun
-from bench.harness import Provenance
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
+from bench.harness.stored import Provenance
 from bench.methods import known_methods
 
 

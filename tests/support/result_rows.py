@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from bench.evaluation import Protocol, Summary, sum_run, summary_of
+from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, to_frame
+from bench.evaluation.summary import Summary, summary_of
+from bench.evaluation.sums import sum_run
 
 
 @dataclass(frozen=True)

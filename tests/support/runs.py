@@ -3,10 +3,11 @@
 import json
 from pathlib import Path
 
-from bench.evaluation import Protocol, load_protocol
-from bench.harness import RunRequest, RunSummary, build_scorable, run_benchmark
+from bench.evaluation.protocol import Protocol, load_protocol
+from bench.harness.exact import build_scorable
 from bench.harness.manifest import MANIFEST
-from bench.harness.stored import SUMS
+from bench.harness.run import RunRequest, run_benchmark
+from bench.harness.stored import SUMS, RunSummary
 from bench.recordings import load_card
 
 PAPER = load_protocol("paper-v1")

@@ -9,7 +9,7 @@ import yaml
 from bench.cameras import ray_grid
 from bench.methods.spherical.constraints import deviations
 from bench.recordings import open_native, read_truth
-from bench.reference import visible_region
+from bench.reference.exposure import visible_region
 from bench.synthesis import read_scenario, synthesize
 from bench.synthesis.exact_flow import ExactFlowCaster
 from bench.synthesis.scene import build_scene

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 from bench.recordings.native import native_recordings
-from bench.validation import report, validate_recording
+from bench.validation import report
 from bench.validation.fits import box_fit
 from bench.validation.fits.cameras import check_cameras
 from bench.validation.fits.static_world import check_static_world
+from bench.validation.report import validate_recording
 
 STATIC_WORLD = (check_static_world, check_cameras)
 

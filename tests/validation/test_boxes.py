@@ -6,7 +6,8 @@ from functools import partial
 
 import pytest
 
-from bench.annotation import proposals, propose
+from bench.annotation import proposals
+from bench.annotation.proposals import propose
 from bench.records.recording import NOT_ANNOTATED, Annotated
 from bench.validation.fits.box_fit import check_unboxed
 from tests.annotation.street import COARSE, street

@@ -15,9 +15,11 @@ from scipy.spatial.transform import Rotation
 from bench.geometry import RigidTransform
 from bench.lidar import LidarSweep, read_sweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track, load_card, open_dataset
-from bench.validation import Severity, findings, validate_dataset
+from bench.validation import findings
+from bench.validation.findings import Severity
 from bench.validation.quick import boxes
 from bench.validation.quick.sensors import ImageOrder, seen_road
+from bench.validation.report import validate_dataset
 from tests.support import drive, tiny
 from tests.support.cards import write_card
 from tests.support.clouds import pcd_of

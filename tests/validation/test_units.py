@@ -10,8 +10,7 @@ import pytest
 
 from bench.recordings.native import open_native
 from bench.times import other_unit
-from bench.validation import Severity
-from bench.validation.findings import causes
+from bench.validation.findings import Severity, causes
 from bench.validation.quick import motion
 from bench.validation.quick.motion import check_motion
 from tests.support import drive

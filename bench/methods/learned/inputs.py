@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.flow import cell_mean
+from bench.flow.dense import cell_mean
 from bench.methods.contract import MethodInput
 from bench.methods.rigid_scene.evidence import LEAST_NOISE, Evidence, noise_of
 from bench.methods.rigid_scene.method import RigidSceneMethod

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
-from bench.flow import DisFlow, FarnebackFlow, dense_flow
+from bench.flow.dense import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates
 from bench.methods.rigid_scene.evidence import Evidence, EvidenceSettings, gather_evidence

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import CameraModel, RayGrid, ray_grid
-from bench.flow import DenseFlow
+from bench.flow.dense import DenseFlow
 from bench.geometry import Bools, Floats, RigidTransform, RoadPlane, dot
 from bench.methods.contract import MethodInput
 from bench.methods.two_views import RowTimes, seen_before

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
-from bench.flow import cell_mean, dense_flow
+from bench.flow.dense import cell_mean, dense_flow
 from bench.geometry import Bools, RigidTransform
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.motion import Correspondences, MotionAccuracy, refine_motion

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from bench.cameras import RayGrid, ray_grid
 from bench.egomotion import VisualOdometry
 from bench.errors import UsageError
-from bench.flow import LucasKanadeTracker
+from bench.flow.tracks import LucasKanadeTracker
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import Method, MethodInput
 from bench.methods.settings import Positive, set_groups

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bench.cameras import ray_grid
 from bench.errors import DataError
-from bench.flow import DisFlow
+from bench.flow.dense import DisFlow
 from bench.recordings import MountedCamera, Recording, read_image
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, find_grid
 from bench.reference.sweeps import PosedSweep, pose_sweep

@@ -8,13 +8,9 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from bench.evaluation import (
-    Summary,
-    load_protocol,
-    sum_run,
-    summary_of,
-    write_sums,
-)
+from bench.evaluation.protocol import load_protocol
+from bench.evaluation.summary import Summary, summary_of
+from bench.evaluation.sums import sum_run, write_sums
 from bench.harness import stored
 from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
 from bench.harness.stored import SUMS

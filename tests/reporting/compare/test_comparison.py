@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from bench.errors import UsageError
-from bench.evaluation import holm
-from bench.harness import read_run
+from bench.evaluation.comparison import holm
+from bench.harness.stored import read_run
 from bench.reporting.compare import (
     HEADLINES,
     Kind,

@@ -11,7 +11,7 @@ import pytest
 from bench.evaluation import rows
 from bench.evaluation.rows import OBJECT
 from bench.evaluation.summary import FrameLedger, Metric
-from bench.harness import read_run, read_tables
+from bench.harness.stored import read_run, read_tables
 from bench.reporting.document import environment
 from bench.reporting.formats import bar_cell, percent
 from bench.reporting.run_page import (
