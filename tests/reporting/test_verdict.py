@@ -199,7 +199,7 @@ def test_the_summary_tells_failures_first(mixed):
 
 def test_the_summary_says_how_many_rows_it_leaves_out(one_fault, monkeypatch):
     whole = to_markdown(one_fault)
-    assert "make it the baseline:\n\n```\nfisheye-bench gate . --baseline . --update\n```" in whole
+    assert "make this run the baseline, and commit it:\n\n```\nfisheye-bench gate . --baseline . --update\n```" in whole
     rows = whole.count("\n| ❌")
     shown = len(main_rows(one_fault)) + len(overall_rows(one_fault))
     assert "Left out" not in whole
