@@ -626,10 +626,10 @@ def ask(
 
 
 def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> Outcome:
-    """Ask a fresh copy of the method for the first and the last image of a task that is done.
+    """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
-    Where an answer differs by more than rounding, the image fails: then answers depend on what was asked before, which
-    the method has noted on itself or in a module.
+    A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
+    process did before.
 
     Args:
         request: the run.
@@ -641,28 +641,22 @@ def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> Out
     """
     file = request.answers(request.folder, task)
     try:
-        recording, answers = _open(task.handle, task.digests), read_answers(file)
+        recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
     except BenchError as error:
         return Outcome(failure=f"{task}: {error}")
-    failed: dict[int, Answer] = {}
-    for number in sorted({0, task.images - 1}):
-        one = replace(task, start=task.start + number, stop=task.start + number + 1)
-        with memoise_flow(request.flow_cache):
-            (again,) = ask(recording, one, request.method, [""])
-        if not answers_agree(answers[number], again):
-            key = {name: again[name] for name in ("recording", "camera", "timestamp_ns")}
-            problem = (
-                f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
-                f"{key['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what a "
-                f"method notes on itself, in a module or class, and random numbers without a seed of their own, make "
-                f"scores depend on what was asked before"
-            )
-            failed[number] = no_answer(key, FAILED, problem)
-    if not failed:
+    with memoise_flow(request.flow_cache):
+        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [""])
+    if answers_agree(first, again):
         return Outcome()
+    key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
+    problem = (
+        f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
+        f"{key['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
+        f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
+    )
     for results in request.results:
         counts_mark(results, task.place).unlink(missing_ok=True)
-    write_answers(file, [failed.get(number, answer) for number, answer in enumerate(answers)])
+    write_answers(file, [no_answer(key, FAILED, problem), *others])
     return process_task(request, manifest, task)
 
 
