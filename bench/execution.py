@@ -174,7 +174,7 @@ def part_of(progress: Progress | None, *, number: int, total: int) -> Progress |
     """Takes the progress of one of several parts that follow each other, and tells that of the whole in parts.
 
     Args:
-        progress: of the whole; None where nobody is told.
+        progress: callback of the whole; None for none.
         number: parts that are done.
         total: parts in all.
     """

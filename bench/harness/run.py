@@ -175,7 +175,7 @@ class PlannedRecording:
         tasks: none where it cannot be used.
         digest: of its content; None where it does not open.
         vehicle_outline_m: the ego vehicle from above, vehicle frame.
-        reviewed: False where objects were proposed and nobody has looked at them.
+        reviewed: False for proposed objects that nobody has reviewed.
         failure: why it cannot be used; "" where it can.
     """
 
@@ -189,7 +189,7 @@ class PlannedRecording:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What became of a task, whose results are in files.
+    """Outcome of a task; its results are in files.
 
     Attributes:
         failure: why there are none; "" where there are.
@@ -351,9 +351,9 @@ def _process_all(
     outcomes: dict[str, Outcome] = {}
     total, done = sum(task.images for task in tasks), 0
     name, longest_first = request.method.name, sorted(tasks, key=lambda task: -task.images)  # to end together
-    process: Callable[[Task], Outcome] = partial(process_task, request, manifest)
-    if progress is not None and isinstance(executor, SerialExecutor):  # a slow method is told of image by image
-        process = partial(process_task, request, manifest, answered=lambda answered: progress(done + answered, total))
+    process: Callable[..., Outcome] = partial(process_task, request, manifest)
+    if progress is not None and isinstance(executor, SerialExecutor):  # in this process: report image by image
+        process = partial(process, answered=lambda images: progress(done + images, total))
     for task, outcome in _computed(executor, process, longest_first, name):
         outcomes[str(task)] = outcome
         done += task.images

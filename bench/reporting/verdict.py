@@ -31,7 +31,7 @@ from bench.reporting.document import Block, Cell, Code, Group, Heading, Paragrap
 WORSE = (Outcome.FAILED, Outcome.SUSPECT)  # than tolerated
 NOTABLE = (*WORSE, Outcome.IMPROVED)
 
-# What is read first, and numbers and rows in words.
+# Rows of the head, and the text of numbers, rows and checks.
 
 
 def value_text(metric: str, value: float) -> str:
@@ -267,7 +267,7 @@ _HEADINGS = ("Outcome", "Slice", "Metric", "Recs", "Baseline", "Run", "Change", 
 
 
 def first_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Block]:
-    """What is read within a minute: what failed of the data, what changed, the overall rows, where most was lost.
+    """The head of a verdict: failed checks of the data, changes, overall rows, the recordings with the largest loss.
 
     Args:
         verdict: of a run.
@@ -283,7 +283,12 @@ def first_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Bloc
 
 
 def other_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Block]:
-    """What else is notable by kind of motion, and in words the breakdowns; arguments as of `first_blocks`."""
+    """Failed, suspect and improved rows by kind of motion, and a summary of the breakdowns.
+
+    Args:
+        verdict: of a run.
+        with_notes: as of `row_table`.
+    """
     if rows := main_rows(verdict):
         yield row_table(rows, with_notes=with_notes)
     if verdict.rows:

@@ -1,6 +1,6 @@
-"""What training lacks without a group of channels or a kind of image: with PyTorch, so run it by its name.
+"""Ablation of training by groups of channels and kinds of images.
 
-It is no part of the other tests; `pytest benchmarks/tests/torch_ablation.py` needs the extra `train`.
+It is no part of the other tests; `pytest benchmarks/tests/torch_ablation.py` needs the extra `train`, for PyTorch.
 """
 
 from dataclasses import replace
