@@ -15,7 +15,7 @@ WORKER = """
 import json, os, sys
 from pathlib import Path
 
-from bench.evaluation import load_protocol
+from bench.evaluation.protocol import load_protocol
 from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
 from bench.harness.run import RunRequest, plan_recording, process_task
 from bench.methods import build_method
