@@ -4,7 +4,6 @@ A sweep is one revolution. Its points are given in the lidar frame as it was at 
 knows of vehicles: the caller of `deskew` passes the poses (`bench.egomotion` has them).
 """
 
-from bench.lidar.cloud_files import open3d
 from bench.lidar.files import read_points, read_sweep, write_sweep
 from bench.lidar.sweep import LidarSweep, deskew, interpolation_timestamps
 
@@ -12,7 +11,6 @@ __all__ = [
     "LidarSweep",
     "deskew",
     "interpolation_timestamps",
-    "open3d",
     "read_points",
     "read_sweep",
     "write_sweep",

@@ -10,7 +10,6 @@ from bench.cameras import RadialPolynomialCamera
 from bench.egomotion import Trajectory
 from bench.evaluation.protocol import load_protocol
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
-from bench.geometry.raster import Raster, rasterise
 from bench.lidar import LidarSweep
 from bench.recordings import Cuboid, ImageRef, MountedCamera, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import COMPLETELY
@@ -25,6 +24,7 @@ from bench.records.reference import (
 )
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.build import ReferenceBuilder
+from bench.reference.raster import Raster, rasterise
 from bench.reference.regions import Region
 from tests.support.worlds import beams
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels, label_format
+from bench.annotation.formats.conversion import LabelOptions, import_labels, label_format
 from bench.errors import DataError
 from bench.lidar import read_sweep
 from bench.recordings import SweepRef

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.conversion import LabelOptions, import_labels
 from bench.annotation.formats.semantickitti import near_groups
 from bench.errors import DataError
 from bench.lidar import LidarSweep, read_sweep

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.annotation.formats import LabelOptions
-from bench.annotation.formats.conversion import pair_with_sweeps, recording_times
+from bench.annotation.formats.conversion import LabelOptions, pair_with_sweeps, recording_times
 from bench.errors import DataError
 from bench.lidar import read_sweep
 from bench.recordings import SweepRef
