@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import RigidTransform
 from bench.recordings.native import native_recordings
 from tests.support import planting

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel
-from bench.egomotion import camera_motion
+from bench.cameras.model import CameraModel
+from bench.egomotion.trajectory import camera_motion
 from bench.errors import UnknownNameError, UsageError
 from bench.geometry import RigidTransform, RoadPlane, advance_twist, twist_between
 from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera

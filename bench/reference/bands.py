@@ -27,7 +27,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, ray_grid
+from bench.cameras.model import CameraModel, ray_grid
 from bench.geometry import Floats, cross, dot, normalise
 from bench.reference.grid import BRIDGED_STEPS, FARTHEST_M, Beam, Grid
 from bench.reference.patches import draw_closed

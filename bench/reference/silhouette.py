@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from bench.cameras import CameraModel, ray_grid
+from bench.cameras.model import CameraModel, ray_grid
 from bench.geometry import Floats, cross, dot, normalise
 from bench.records.recording import Annotated, Cuboid, GroundPolygon, MountedCamera, ObjectShape
 from bench.reference.raster import Raster

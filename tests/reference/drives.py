@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from bench.cameras import RadialPolynomialCamera
-from bench.egomotion import Trajectory
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.egomotion.trajectory import Trajectory
 from bench.evaluation.protocol import load_protocol
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, ImageRef, MountedCamera, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import COMPLETELY
 from bench.records.reference import (

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bench.lidar import LidarSweep, read_sweep
-from bench.lidar.files import write_sweep
+from bench.lidar.files import read_sweep, write_sweep
+from bench.lidar.sweep import LidarSweep
 
 Json = dict[str, Any]
 

@@ -12,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, read_sweep
+from bench.lidar.files import read_sweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track, load_card, open_dataset
 from bench.validation import findings
 from bench.validation.findings import Severity

@@ -22,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from bench.atomic import write_bytes
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError, OutputError, UnknownNameError, UsageError
 from bench.geometry import RigidTransform
 from bench.plain_text import counted, listed

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel, KannalaBrandtCamera, PinholeCamera
-from bench.egomotion import Trajectory
+from bench.cameras.angular import KannalaBrandtCamera
+from bench.cameras.model import CameraModel
+from bench.cameras.pinhole import PinholeCamera
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, MountedCamera, Recording
