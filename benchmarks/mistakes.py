@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import RigidTransform
 from bench.recordings.native import native_recordings
-from tests.support import planting
+from benchmarks import planting
 
 Value = TypeVar("Value")
 
@@ -63,7 +63,7 @@ def _mounted(sensor: str, change: Mounting, root: Path) -> None:
         changed = change(RigidTransform.from_quaternion(place["quaternion_wxyz"], place["translation_m"]))
         place.update(quaternion_wxyz=changed.quaternion_wxyz.tolist(), translation_m=changed.translation_m.tolist())
 
-    planting.change_head(root, each)
+    planting.change_json(root / "recording.json", each)
 
 
 def _place(head: planting.Json, sensor: str) -> planting.Json:
@@ -84,7 +84,7 @@ def _moved_by(*way_m: float) -> Mounting:
 
 def _biased_bus(degps: float, root: Path) -> None:
     bias = float(np.radians(degps))
-    planting.change_bus(root, lambda row: row.update(yaw_rate_radps=str(float(row["yaw_rate_radps"]) + bias)))
+    planting.change_bus(root, "yaw_rate_radps", lambda rate: float(rate) + bias)
 
 
 def _shift_sweeps(milliseconds: float, root: Path) -> None:
@@ -98,11 +98,11 @@ def _shift_images(milliseconds: float, root: Path) -> None:
 
 def _shift_bus(milliseconds: float, root: Path) -> None:
     offset_ns = round(milliseconds * 1e6)
-    planting.change_bus(root, lambda row: row.update(timestamp_ns=str(int(row["timestamp_ns"]) + offset_ns)))
+    planting.change_bus(root, "timestamp_ns", lambda time_ns: int(time_ns) + offset_ns)
 
 
 def _scaled_bus(column: str, factor: float, root: Path) -> None:
-    planting.change_bus(root, lambda row: row.update({column: str(float(row[column]) * factor)}))
+    planting.change_bus(root, column, lambda value: float(value) * factor)
 
 
 MIRROR_X, MIRROR_Y, MIRROR_Z = (np.diag(signs).tolist() for signs in ([-1, 1, 1], [1, -1, 1], [1, 1, -1]))
@@ -302,12 +302,12 @@ def _reordered(root: Path) -> None:
         place = _place(head, "front")
         place["quaternion_wxyz"] = [*place["quaternion_wxyz"][1:], place["quaternion_wxyz"][0]]
 
-    planting.change_head(root, reorder)
+    planting.change_json(root / "recording.json", reorder)
 
 
 def _lens(change: Callable[[planting.Json], object], root: Path) -> None:
     """Change the front camera's lens."""
-    planting.change_head(root, lambda head: change(head["cameras"]["front"]["model"]))
+    planting.change_json(root / "recording.json", lambda head: change(head["cameras"]["front"]["model"]))
 
 
 def _zoom(factor: float, lens: planting.Json) -> None:
@@ -369,7 +369,7 @@ OF_CAMERAS: tuple[Mistake, ...] = (
 
 
 def _bus_times(factor: float, root: Path) -> None:
-    planting.change_bus(root, lambda row: row.update(timestamp_ns=str(round(int(row["timestamp_ns"]) * factor))))
+    planting.change_bus(root, "timestamp_ns", lambda time_ns: round(int(time_ns) * factor))
 
 
 def _camera_places(factor: float, root: Path) -> None:
@@ -378,7 +378,7 @@ def _camera_places(factor: float, root: Path) -> None:
             mounting = camera["vehicle_from_camera"]
             mounting["translation_m"] = [factor * value for value in mounting["translation_m"]]
 
-    planting.change_head(root, scale)
+    planting.change_json(root / "recording.json", scale)
 
 
 def _scaled_boxes(factor: float, val: list[float]) -> None:

@@ -30,10 +30,10 @@ from bench.execution import ProcessExecutor
 from bench.methods.registry import known_methods
 from bench.recordings import load_card, open_dataset, write_annotations
 from bench.synthesis import read_scenario, synthesize
+from benchmarks import planting
 from benchmarks.false_alarms import with_table
 from benchmarks.mistakes import MISTAKES
 from benchmarks.ranking.beams import of_rings
-from tests.support import planting
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = ROOT / "datasets" / "paper.scenario.yaml"

@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.lidar import cloud_files
 from bench.lidar.files import FORMATS
-from bench.synthesis.rays import EMBREEX
+from bench.synthesis import rays
 from tests.support.clouds import write_points
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not EMBREEX, reason="where embreex has no wheel, rays are cast by open3d"),
+    pytest.mark.skipif(not rays.EMBREEX, reason="where embreex has no wheel, rays are cast by open3d"),
 ]
 MISSING = "libEGL.so.1: cannot open shared object file: No such file or directory"
 
@@ -72,12 +71,12 @@ def test_clouds_are_read_without_it(slim, tmp_path):
     paths = [tmp_path / f"a{suffix}" for suffix in FORMATS]
     for path in paths:
         write_points(path, {"points_lidar": points})
-    reads = "import sys; from pathlib import Path; from bench.lidar import read_points\n"
+    reads = "import sys; from pathlib import Path; from bench.lidar.files import read_points\n"
     reads += "for path in sys.argv[1:]: assert len(read_points(Path(path))['points_lidar']) == 50"
     subprocess.run([sys.executable, "-c", reads, *paths], env=slim, check=True)
 
 
 def test_the_libraries_that_messages_ask_for_are_those_of_the_documentation():
     text = (Path(__file__).parents[1] / "docs" / "start.md").read_text()
-    asked = re.search(r"apt-get install [a-z0-9 -]+", Path(cloud_files.__file__).read_text())
+    asked = re.search(r"apt-get install [a-z0-9 -]+", Path(rays.__file__).read_text())
     assert asked.group().strip() in text

@@ -37,11 +37,12 @@ from pydantic import BeforeValidator, Field, RootModel
 from scipy.spatial.transform import Rotation
 
 from bench.atomic import linked_folder, path_inside, refuse_escape
-from bench.cameras import UnifiedCamera
-from bench.egomotion import Trajectory, read_bus_signals
+from bench.cameras.spheres import UnifiedCamera
+from bench.egomotion.files import read_bus_signals
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import read_sweep
+from bench.lidar.files import read_sweep
 from bench.recordings.annotations import box_state, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import framed_files

@@ -44,7 +44,7 @@ from bench.adapters.kitti_files import (
     read_turn,
 )
 from bench.atomic import linked_folder, refuse_escape
-from bench.cameras import UnifiedCamera
+from bench.cameras.spheres import UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.plain_yaml import parse_yaml

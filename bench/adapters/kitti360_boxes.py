@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.linalg import polar
 
 from bench.adapters.kitti_files import FrameClock
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state

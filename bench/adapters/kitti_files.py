@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.atomic import refuse_escape
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, read_sweep
+from bench.lidar.files import read_sweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings.files import numbers, read_text
 from bench.recordings.validation import located
 from bench.times import SECOND_NS

@@ -49,8 +49,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.adapters.kitti_files import read_calibration, read_clock, read_turn
 from bench.atomic import linked_folder, refuse_escape
-from bench.cameras import PinholeCamera
-from bench.egomotion import Trajectory
+from bench.cameras.pinhole import PinholeCamera
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state, read_annotations

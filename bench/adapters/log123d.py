@@ -33,8 +33,9 @@ from scipy.spatial.transform import Rotation
 
 from bench.adapters.log123d_tables import LogImage, LogSweep, LogTable, pose
 from bench.atomic import linked_folder, refuse_escape
-from bench.cameras import CameraModel, camera_from_parameters
-from bench.egomotion import Trajectory
+from bench.cameras.model import CameraModel
+from bench.cameras.stored import camera_from_parameters
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import box_state, read_annotations

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
 from bench.lidar.fields import sweep_of
-from bench.lidar.sweep import LARGEST_BYTES
+from bench.lidar.sweep import LARGEST_BYTES, LidarSweep
 from bench.recordings.images import decode_image
 from bench.recordings.validation import ForeignModel, validated
 

@@ -32,8 +32,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from bench.atomic import linked_folder, refuse_escape
-from bench.cameras import RadialPolynomialCamera
-from bench.egomotion import Trajectory, planar_trajectory
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.egomotion.trajectory import Trajectory, planar_trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.recordings.catalogue import RecordingHandle

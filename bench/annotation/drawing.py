@@ -15,7 +15,7 @@ from bench.annotation.settings import ProposalSettings
 from bench.annotation.store import Position, StoredTrack, box_states
 from bench.errors import UsageError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Recording
 from bench.recordings.validation import FileModel
 from bench.reference.sweeps import pose_sweep

@@ -21,10 +21,10 @@ from bench.annotation import store
 from bench.annotation.decisions import ReviewedTrack, State, after, applied, history, to_track
 from bench.annotation.drawing import Lasso, draw_track, sweep_points_world
 from bench.annotation.proposals import EXPLAINED
-from bench.cameras import CameraModel
+from bench.cameras.model import CameraModel
 from bench.errors import DataError, UsageError
 from bench.evaluation.protocol import load_protocol
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Recording, read_image
 from bench.recordings.validation import FileModel, parse_json
 from bench.records.recording import MOTION_KINDS

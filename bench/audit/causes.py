@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from bench.audit.sources import AuditSource
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.evaluation.rows import IMAGE, IMAGE_COLUMNS, Row
 from bench.methods import FlowMethod, MethodInput, Segmentation, ask_method
 from bench.methods.two_views import flow_rays

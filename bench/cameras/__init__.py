@@ -6,27 +6,3 @@ calibration when the camera is built, or the lens's own `max_angle_rad` where th
 
 Pixels are (u, v) with the centre of the first pixel at (0, 0); camera frame x right, y down, z forward.
 """
-
-from bench.cameras.angular import KannalaBrandtCamera, OcamCamera, RadialPolynomialCamera
-from bench.cameras.model import CameraModel, RayGrid, RollingShutter, ray_grid
-from bench.cameras.pinhole import PinholeCamera
-from bench.cameras.spheres import BrownConradyCamera, DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
-from bench.cameras.stored import CAMERA_MODELS, camera_from_parameters, camera_parameters
-
-__all__ = [
-    "CAMERA_MODELS",
-    "BrownConradyCamera",
-    "CameraModel",
-    "DoubleSphereCamera",
-    "ExtendedUnifiedCamera",
-    "KannalaBrandtCamera",
-    "OcamCamera",
-    "PinholeCamera",
-    "RadialPolynomialCamera",
-    "RayGrid",
-    "RollingShutter",
-    "UnifiedCamera",
-    "camera_from_parameters",
-    "camera_parameters",
-    "ray_grid",
-]

@@ -117,6 +117,10 @@ class CameraModel(ABC):
         centre = (u + 0.5) * scale_u - 0.5, (v + 0.5) * scale_v - 0.5
         return replace(self, width=width, height=height, principal_point=centre, **self._rescaled(scale_u, scale_v))
 
+    def zoomed(self, factor: float) -> Self:
+        """Return the lens with its focal length multiplied, in an image of the same size."""
+        return replace(self, **self._rescaled(factor, factor))
+
     def contains(self, pixels: Floats) -> Bools:
         """Test that pixels lie in the image: (N, 2) -> (N,) bool; False for NaN."""
         u, v = pixels[:, 0], pixels[:, 1]

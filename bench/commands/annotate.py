@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.annotation.drives import ProposedDrive
-    from bench.annotation.formats import LabelSet
+    from bench.annotation.formats.conversion import LabelSet
     from bench.execution import TaskExecutor
     from bench.recordings import DatasetCard, Recording, RecordingHandle
 
@@ -75,14 +75,12 @@ class ConvertedLabels:
         recording: that they are of.
         labels: what was read or written, and what the other side cannot hold.
         place: file or folder that was written; None where nothing was proposed and nothing reviewed.
-        copies: of files of another content that were replaced on request.
     """
 
     card: DatasetCard
     recording: Recording
     labels: LabelSet
     place: Path | None
-    copies: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,7 +225,6 @@ def import_labels(
     ] = None,
     first_frame: Annotated[int | None, typer.Option()] = None,
     time_unit: Annotated[Literal["ns", "us", "ms", "s"], typer.Option()] = "ns",
-    overwrite: Flag = False,
 ) -> ConvertedLabels:
     """Convert a tool's labels to <recording>.json; list what was read and what was lost.
 
@@ -243,7 +240,6 @@ def import_labels(
             that name none; repeatable.
         first_frame: number of the first sweep, where frames are counted; default: frames are named as sweeps.
         time_unit: unit of times that do not state it.
-        overwrite: replace other labels that are there; a copy stays.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
@@ -254,9 +250,8 @@ def import_labels(
     Examples:
         fisheye-bench annotate import boxes boxes.csv --dataset my-data --recording drive-1 --class Tram=vehicle
     """
-    from bench.annotation.formats import LabelOptions, label_format
-    from bench.annotation.formats import import_labels as read_labels
-    from bench.annotation.formats.conversion import store_labels
+    from bench.annotation.formats.conversion import LabelOptions, label_format, store_labels
+    from bench.annotation.formats.conversion import import_labels as read_labels
     from bench.recordings.writing import annotation_text
 
     label_format(format_name)  # an unknown name is told before anything is opened
@@ -268,8 +263,8 @@ def import_labels(
     labels = read_labels(format_name, Path(source), opened, options)
     file = folder / f"{recording}.json"
     text = annotation_text(file, labels.tracks, timestamps_ns=labels.timestamps_ns)
-    copies = store_labels(folder, {file.name: text.encode()}, overwrite=overwrite)
-    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file, copies=copies)
+    store_labels(folder, {file.name: text.encode()})
+    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file)
 
 
 def export_labels(
@@ -281,7 +276,6 @@ def export_labels(
     unreviewed: Flag = False,
     format_name: Annotated[str | None, typer.Option("--format")] = None,
     annotated: Flag = False,
-    overwrite: Flag = False,
 ) -> tuple[ConvertedLabels, ...]:
     """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
 
@@ -293,7 +287,6 @@ def export_labels(
         unreviewed: write what was proposed and not rejected; results then say so.
         format_name: write files of a tool instead: boxes or openlabel.
         annotated: with --format: write the annotations of the data set instead of reviews.
-        overwrite: replace other labels that are there; a copy stays.
 
     Raises:
         UnknownNameError: no data set, split or format of this name.
@@ -305,8 +298,7 @@ def export_labels(
         fisheye-bench annotate export my-data --out annotations/my-data
         fisheye-bench annotate export my-data --out labels --format boxes --annotated
     """
-    from bench.annotation.formats import LabelSet, label_format
-    from bench.annotation.formats.conversion import store_labels
+    from bench.annotation.formats.conversion import LabelSet, label_format, store_labels
     from bench.recordings.writing import annotation_text
 
     if annotated and format_name is None:
@@ -326,12 +318,9 @@ def export_labels(
                 files, lost = tool.write(recording)
                 labels = replace(labels, lost=tuple(lost))
         written.append((ConvertedLabels(card=card, recording=recording, labels=labels, place=place), files))
-    return tuple(
-        replace(
-            drive, copies=store_labels(Path(out) / (drive.recording.name if tool else ""), files, overwrite=overwrite)
-        )
-        for drive, files in written
-    )
+    for drive, files in written:
+        store_labels(Path(out) / (drive.recording.name if tool else ""), files)
+    return tuple(drive for drive, _ in written)
 
 
 def show_labels(written: ConvertedLabels | Sequence[ConvertedLabels]) -> None:
@@ -463,8 +452,6 @@ def _print_labels(written: ConvertedLabels) -> None:
         say(f"  {sum(track.object_class == object_class for track in labels.tracks)} {object_class}{size}")
     for line in labels.lost:
         say(f"  lost: {line}", style="yellow")
-    for copy in written.copies:
-        say(f"  what was there is kept as {copy}", style="yellow")
     say(str(written.place))
 
 

@@ -82,14 +82,14 @@ def _protocols() -> list[Table]:
 
 
 def _formats() -> list[Table]:
-    from bench.annotation.formats import known_formats, label_format
+    from bench.annotation.formats.conversion import LABEL_FORMATS, label_format
     from bench.commands.schemas import SCHEMAS, json_schema
     from bench.plug_ins import described
     from bench.recordings.catalogue import describe_adapter, known_adapters
     from bench.reporting.document import Table
 
     adapters = described(known_adapters(), lambda _, target: describe_adapter(target))
-    labels = described(known_formats(), lambda name, _: label_format(name).description)
+    labels = described(LABEL_FORMATS, lambda name, _: label_format(name).description)
     schemas = [[name, json_schema(name)["description"].partition("\n")[0]] for name in SCHEMAS]
     heads = ["name", "what it is"]
     return [

@@ -22,7 +22,7 @@ from bench.adapters.kitti_raw import KittiRawOptions
 from bench.adapters.log123d import LogOptions
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
 from bench.adapters.woodscape import WoodscapeOptions
-from bench.cameras import RollingShutter
+from bench.cameras.model import RollingShutter
 from bench.errors import UnknownNameError
 from bench.evaluation.protocol import Protocol, known_protocols
 from bench.gate.tolerances import Tolerances, known_tolerances

@@ -32,7 +32,7 @@ OPTIONAL_LIBRARIES = (
     "onnxruntime",
 )
 
-_READING = ("errors.py", "geometry", "cameras", "lidar", "egomotion", "records", "recordings", "adapters")
+_READING = ("errors.py", "geometry.py", "cameras", "lidar", "egomotion", "records", "recordings", "adapters")
 REFERENCE_CODE = (*_READING, "reference", "harness/references.py")
 ANSWER_CODE = (*_READING, "flow", "methods", "harness/frames.py", "harness/answers.py", "harness/exact.py")
 _COUNTING = ("counts", "protocol", "rows", "scorer")  # other modules of `evaluation` reduce

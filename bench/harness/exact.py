@@ -14,7 +14,7 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.errors import DataError, UsageError
 from bench.methods import Method, Scorable, Segmentation, build_method, known_methods
 from bench.methods.contract import not_derived, refuse_unfit

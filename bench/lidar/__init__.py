@@ -3,17 +3,3 @@
 A sweep is one revolution. Its points are given in the lidar frame as it was at each point's own time. Nothing here
 knows of vehicles: the caller of `deskew` passes the poses (`bench.egomotion` has them).
 """
-
-from bench.lidar.cloud_files import open3d
-from bench.lidar.files import read_points, read_sweep, write_sweep
-from bench.lidar.sweep import LidarSweep, deskew, interpolation_timestamps
-
-__all__ = [
-    "LidarSweep",
-    "deskew",
-    "interpolation_timestamps",
-    "open3d",
-    "read_points",
-    "read_sweep",
-    "write_sweep",
-]

@@ -3,63 +3,22 @@
 A field of COUNT 0, which some tools write for padding of another length, means that the offsets of the
 fields behind it are unknown: files in which one of them is needed are refused. open3d reads .pcd, too, but drops times
 of points that are whole numbers, and fields that pad a point (`_`) crash it.
-
-This is the only module that imports open3d. The import takes 0.6 s, so it is done when it is needed. The wheel links
-against `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel carries that library,
-and once it is loaded for the whole process the import finds it, with no system package and no root.
 """
 
 from __future__ import annotations
 
-import ctypes
 import io
 import re
-import sys
 import warnings
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.errors import DataError, UsageError
+from bench.errors import DataError
 from bench.lidar.fields import is_time
 from bench.lidar.sweep import LARGEST_BYTES, Arrays
-
-
-@cache
-def open3d() -> ModuleType:
-    """The open3d module, imported on the first call.
-
-    Raises:
-        UsageError: libraries of the system that it links against are missing.
-    """
-    try:
-        import libusb_package
-    except ImportError:  # only wanted on Linux
-        pass
-    else:
-        library = libusb_package.get_library_path()
-        if library is not None:
-            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
-    # Its viewers import plotly and dash, which nothing here needs; an installation may leave them out.
-    viewers = "open3d.visualization"
-    without_viewers = not all(map(find_spec, ("plotly", "dash")))
-    if without_viewers:
-        sys.modules.setdefault(viewers, ModuleType(viewers))
-    try:
-        import open3d as module
-    except (ImportError, OSError) as error:
-        hint = "it links against libraries that slim systems lack, on Debian: apt-get install libegl1 libgl1 libx11-6"
-        raise UsageError(f"open3d: expected a library that loads, got {error}; {hint}") from error
-    finally:
-        if without_viewers:
-            del sys.modules[viewers]
-    return module
-
 
 TYPES = {
     **{("I", size): np.dtype(f"<i{size}") for size in (1, 2, 4, 8)},

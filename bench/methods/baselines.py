@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.flow.dense import dense_flow
 from bench.geometry import Floats, angle_between
 from bench.methods.contract import Method, MethodInput

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, StringConstraints, TypeAdapter, ValidationError
 
-from bench.cameras import CameraModel, RollingShutter
+from bench.cameras.model import CameraModel, RollingShutter
 from bench.errors import BenchError, DataError, UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.plug_ins import describe_error, undisturbed

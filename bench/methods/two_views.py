@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel, RayGrid, RollingShutter
+from bench.cameras.model import CameraModel, RayGrid, RollingShutter
 from bench.flow.dense import flow_on_cells
 from bench.geometry import Bools, Floats, RigidTransform
 from bench.methods.contract import MethodInput

@@ -425,13 +425,11 @@ def _state_data(state: ObjectState) -> dict[str, Any]:
         vectors["velocity_mps"] = np.asarray(state.velocity_mps, dtype=np.float64).tolist()
     if state.yaw_rate_radps:
         numbers["yaw_rate_radps"] = float(state.yaw_rate_radps)
-    data |= {kind: _named(entries) for kind, entries in (("num", numbers), ("vec", vectors)) if entries}
+    for kind, entries in (("num", numbers), ("vec", vectors)):
+        if entries:
+            data[kind] = [{"name": name, "val": val} for name, val in entries.items()]
     if state.category is not None:
         data["text"] = [{"name": "category", "val": str(state.category)}]
     if state.unclear:
         data["boolean"] = [{"name": "unclear", "val": True}]
     return data
-
-
-def _named(entries: dict[str, Any]) -> list[dict[str, Any]]:
-    return [{"name": name, "val": val} for name, val in entries.items()]

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel
-from bench.egomotion import camera_motion
+from bench.cameras.model import CameraModel
+from bench.egomotion.trajectory import camera_motion
 from bench.errors import UnknownNameError, UsageError
 from bench.geometry import RigidTransform, RoadPlane, advance_twist, twist_between
 from bench.records.recording import NO_INPUT_ERRORS, ImageRef, InputErrors, MountedCamera
-
-SIZE_FACTOR = 1000  # a focal scale is applied as a change of image size, which must be whole: this is its fineness
 
 
 def named_input_errors(errors: Mapping[str, object]) -> InputErrors:
@@ -137,10 +135,4 @@ def _perturbed_lens(lens: CameraModel, errors: InputErrors) -> CameraModel:
     """The lens with a shifted principal point and a scaled focal length, at the same image size."""
     u, v = lens.principal_point
     centre = u + errors.principal_point_u_px, v + errors.principal_point_v_px
-    if errors.focal_scale_percent == 0:
-        return replace(lens, principal_point=centre)
-    # A lens seen in a larger image has a longer focal length; the image is then cut to its size again.
-    width, height, scale = lens.width, lens.height, 1.0 + errors.focal_scale_percent / 100.0
-    large = replace(lens, width=SIZE_FACTOR * width, height=SIZE_FACTOR * height)
-    zoomed = large.scaled(round(large.width * scale), round(large.height * scale))
-    return replace(zoomed, width=width, height=height, principal_point=centre)
+    return replace(lens.zoomed(1.0 + errors.focal_scale_percent / 100.0), principal_point=centre)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from bench.atomic import MOST_LINK_LEVELS
-from bench.cameras import CameraModel, RollingShutter, camera_from_parameters
-from bench.cameras.model import LONGEST_READOUT_S, ReadoutDirection
+from bench.cameras.model import LONGEST_READOUT_S, CameraModel, ReadoutDirection, RollingShutter
+from bench.cameras.stored import camera_from_parameters
 from bench.errors import ShapeError, UnknownNameError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings.images import MOST_WHITE

@@ -13,11 +13,11 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from bench.atomic import path_inside, refuse_escape
-from bench.egomotion import Trajectory, read_bus_signals, read_tum
+from bench.egomotion.files import read_bus_signals, read_tum
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import read_sweep
-from bench.lidar.files import FORMATS
+from bench.lidar.files import FORMATS, read_sweep
 from bench.recordings.annotations import Statement, annotated_as, read_annotations
 from bench.recordings.catalogue import RecordingHandle, handles_of
 from bench.recordings.files import file_contents, numbered_files

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -14,7 +13,6 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from bench.atomic import read_regular
 from bench.errors import MOST_FAULTS, DataError, ShapeError
 from bench.recordings.files import read_whole
 
@@ -87,25 +85,6 @@ def parse_json(model: type[Model], content: bytes, file: Path) -> Model:
         return model.model_validate_json(content.removeprefix(codecs.BOM_UTF8), strict=True)
     except ValidationError as error:
         raise _data_error(error, file) from None
-
-
-def keys_twice(file: Path) -> tuple[DataError, ...]:
-    """Keys that an object of a JSON file has twice, at most 200; parsers keep the last one and say nothing."""
-    twice: list[str] = []
-
-    def keep(pairs: list[tuple[str, object]]) -> None:
-        seen: set[str] = set()
-        for key, _ in pairs:
-            if key in seen:
-                twice.append(key)
-            seen.add(key)
-
-    with suppress(OSError, RecursionError, ValueError):  # the file's reader reports those
-        json.loads(read_regular(file).removeprefix(codecs.BOM_UTF8), object_pairs_hook=keep)
-    return tuple(
-        DataError(file, field=_short(key), expected="each key of an object once", got="it twice")
-        for key in twice[:MOST_FAULTS]
-    )
 
 
 def validated(model: type[Model], values: Mapping[str, Any], *, file: Path, field: str = "") -> Model:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.atomic import replacing, write_bytes, write_text
-from bench.cameras import camera_parameters
-from bench.egomotion import write_tum
+from bench.cameras.stored import camera_parameters
+from bench.egomotion.files import write_tum
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
 from bench.lidar.files import write_sweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings.annotations import AnnotationFile, PartlyAnnotated, Statement, annotation_document
 from bench.recordings.mounting import Mounting
 from bench.recordings.native import CONVENTIONS, HEAD, SCHEMA_VERSION, TRUE_CALIBRATION, TRUE_POSES, RecordingHead

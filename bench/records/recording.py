@@ -11,11 +11,11 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, RollingShutter
-from bench.egomotion import Trajectory
+from bench.cameras.model import CameraModel, RollingShutter
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.times import SECOND_NS
 
 MotionKind = Literal["crossing", "overtaking", "preceding", "approaching", "static_ego"]

@@ -27,11 +27,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, ray_grid
+from bench.cameras.model import CameraModel, ray_grid
 from bench.geometry import Floats, cross, dot, normalise
-from bench.geometry.raster import Raster
 from bench.reference.grid import BRIDGED_STEPS, FARTHEST_M, Beam, Grid
 from bench.reference.patches import draw_closed
+from bench.reference.raster import Raster
 from bench.reference.regions import Region
 from bench.reference.scanned import ScannedObject, Surface
 from bench.reference.silhouette import Prism, silhouette

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel, RollingShutter, ray_grid
-from bench.egomotion import Trajectory
+from bench.cameras.model import CameraModel, RollingShutter, ray_grid
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import Floats, RigidTransform, advance_twist, twist_between
-from bench.geometry.raster import Raster
 from bench.records.recording import MountedCamera, Recording
 from bench.records.reference import ReferenceFrame, ReferenceObject
+from bench.reference.raster import Raster
 from bench.times import SECOND_NS
 
 

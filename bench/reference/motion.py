@@ -9,7 +9,7 @@ from math import atan2, hypot, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import Floats, RigidTransform
 from bench.records.recording import (
     Cuboid,

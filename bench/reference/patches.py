@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import Floats
-from bench.geometry.raster import Raster
 from bench.reference.exposure import Exposure
 from bench.reference.grid import DOWN, LEFT, RIGHT, UP, Grid
+from bench.reference.raster import Raster
 
 SLIT = np.ones((3, 3), dtype=np.uint8)  # closes what is a pixel wide: finer than a beam
 MARGIN_PX = 4  # beyond the image, so that its border does not cut the outline

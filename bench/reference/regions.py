@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from bench.geometry.raster import Raster, rasterise
 from bench.records.reference import IgnoreReason, Outline, ReferenceObject, Status
+from bench.reference.raster import Raster, rasterise
 from bench.reference.scanned import ScannedObject
 from bench.reference.silhouette import silhouette
 

@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from bench.geometry import Floats, RigidTransform, cross, dot, normalise
-from bench.geometry.raster import Raster
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.exposure import Exposure
 from bench.reference.grid import Grid
 from bench.reference.motion import ObjectAtExposure
 from bench.reference.patches import CutOff, Patches, draw, draw_closed, surface_patches, without_slits
+from bench.reference.raster import Raster
 from bench.reference.sweeps import Cluster, PosedSweep, parts_at_exposure
 from bench.times import SECOND_NS
 

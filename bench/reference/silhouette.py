@@ -17,10 +17,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from bench.cameras import CameraModel, ray_grid
+from bench.cameras.model import CameraModel, ray_grid
 from bench.geometry import Floats, cross, dot, normalise
-from bench.geometry.raster import Raster
 from bench.records.recording import Annotated, Cuboid, GroundPolygon, MountedCamera, ObjectShape
+from bench.reference.raster import Raster
 
 TALLEST_M = 4.5  # road users in areas that are left out: lorries of 4 m (Directive 96/53/EC) and slack
 BLOCK_PX = 16  # side of the blocks of pixels that are decided together where they can be

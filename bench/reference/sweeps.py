@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError
 from bench.geometry import Floats, RigidTransform
-from bench.lidar import LidarSweep, deskew, interpolation_timestamps
+from bench.lidar.sweep import LidarSweep, deskew, interpolation_timestamps
 from bench.records.recording import Cuboid, GroundPolygon, ObjectShape, PointIndices, Recording
 from bench.reference.grid import Envelope, Grid, find_envelope, find_grid
 from bench.reference.motion import ObjectAtExposure, centre_vehicle

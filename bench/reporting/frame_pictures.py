@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bench.atomic import refuse_foreign, replacing, write_bytes
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.errors import BenchError, OutputError, UsageError
 from bench.evaluation.rows import EVALUATED, IMAGE, RowSource, pick, read_parts
 from bench.execution import Progress

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import camera_from_parameters, ray_grid
+from bench.cameras.model import ray_grid
+from bench.cameras.stored import camera_from_parameters
 from bench.geometry import RigidTransform, RoadPlane
 from bench.records.recording import MountedCamera
 from bench.synthesis.mesh import Mesh, Surface, box, convex, joined, slab, tube

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
-from bench.egomotion import camera_motion
+from bench.cameras.model import ray_grid
+from bench.egomotion.trajectory import camera_motion
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane, cross, dot
 from bench.records.recording import MountedCamera

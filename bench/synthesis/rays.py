@@ -7,16 +7,20 @@ distances are off by another last bit of single precision on each kind of proces
 
 from __future__ import annotations
 
+import ctypes
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
+from types import ModuleType
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from bench.errors import UsageError
 from bench.geometry import cross, dot, normalise
-from bench.lidar.cloud_files import open3d
 from bench.synthesis.mesh import Mesh
 
 EMBREEX = find_spec("embreex") is not None  # there is no wheel for Linux on arm64 and macOS on Intel
@@ -106,8 +110,42 @@ def _embreex_scene(corners: NDArray[np.float32]) -> Find:
     return lambda origins, directions: scene.run(origins, directions).astype(np.int64)
 
 
+@cache
+def _open3d() -> ModuleType:
+    """The open3d module, imported on the first call, which takes 0.6 s.
+
+    The wheel links against `libusb-1.0.so.0`, which servers and containers often lack; the `libusb-package` wheel
+    carries that library, and once it is loaded for the whole process the import finds it, without root.
+
+    Raises:
+        UsageError: libraries of the system that it links against are missing.
+    """
+    try:
+        import libusb_package
+    except ImportError:  # only wanted on Linux
+        pass
+    else:
+        library = libusb_package.get_library_path()
+        if library is not None:
+            ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
+    # Its viewers import plotly and dash, which nothing here needs; an installation may leave them out.
+    viewers = "open3d.visualization"
+    without_viewers = not all(map(find_spec, ("plotly", "dash")))
+    if without_viewers:
+        sys.modules.setdefault(viewers, ModuleType(viewers))
+    try:
+        import open3d as module
+    except (ImportError, OSError) as error:
+        hint = "it links against libraries that slim systems lack, on Debian: apt-get install libegl1 libgl1 libx11-6"
+        raise UsageError(f"open3d: expected a library that loads, got {error}; {hint}") from error
+    finally:
+        if without_viewers:
+            del sys.modules[viewers]
+    return module
+
+
 def _open3d_scene(corners: NDArray[np.float32]) -> Find:
-    library = open3d()
+    library = _open3d()
     scene = library.t.geometry.RaycastingScene(nthreads=1)  # a worker process is one thread
     vertices = corners.reshape(-1, 3)
     rows = np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)

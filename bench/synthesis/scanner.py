@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.geometry import RigidTransform, dot
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import COLUMN_OF, Mesh
 from bench.synthesis.motion import EgoMotion

@@ -27,7 +27,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from bench.cameras import camera_from_parameters
+from bench.cameras.stored import camera_from_parameters
 from bench.errors import BenchError, UnknownNameError
 from bench.recordings.mounting import RollingShutterHead
 from bench.recordings.validation import FileModel

@@ -22,7 +22,7 @@ from bench.errors import DataError, UsageError
 from bench.evaluation.protocol import load_protocol
 from bench.evaluation.sums import ALL_MOVING
 from bench.execution import Progress, TaskExecutor
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import DatasetCard, Recording
 from bench.records.recording import PointIndices
 from bench.records.reference import ReferenceFrame, Status

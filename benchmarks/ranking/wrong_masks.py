@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.errors import UsageError
 from bench.harness.exact import moving_instances
 from bench.methods import Scorable, Segmentation

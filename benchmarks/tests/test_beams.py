@@ -13,7 +13,7 @@ from bench.errors import DataError
 from bench.evaluation.protocol import load_protocol
 from bench.execution import SerialExecutor
 from bench.harness.exact import build_scorable
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Recording, load_card, open_dataset
 from bench.records.recording import PointIndices, SweepRef
 from benchmarks.ranking.beams import count_beams, run_beams, with_beams

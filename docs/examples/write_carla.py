@@ -20,9 +20,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import bench
-from bench.cameras import camera_from_parameters, ray_grid
+from bench.cameras.model import ray_grid
+from bench.cameras.stored import camera_from_parameters
 from bench.geometry import RigidTransform, RoadPlane
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, MountedCamera, ObjectState, Track
 
 ACTOR_FROM_VEHICLE = RigidTransform.from_yaw(

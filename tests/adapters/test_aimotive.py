@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import RollingShutter, UnifiedCamera
+from bench.cameras.model import RollingShutter
+from bench.cameras.spheres import UnifiedCamera
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import deskew, interpolation_timestamps
+from bench.lidar.sweep import deskew, interpolation_timestamps
 from bench.recordings import load_card, open_dataset, read_image
 from bench.reference.grid import find_grid
 from tests.support import data_sets

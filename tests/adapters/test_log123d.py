@@ -8,7 +8,9 @@ import pyarrow as pa
 import pytest
 
 from bench.adapters.log123d import CLASSES, CameraHead, log123d_recordings
-from bench.cameras import RadialPolynomialCamera, RollingShutter, UnifiedCamera
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.cameras.model import RollingShutter
+from bench.cameras.spheres import UnifiedCamera
 from bench.errors import DataError, ShapeError
 from bench.recordings import list_cards, read_image
 from bench.recordings.cards import shipped_folder

@@ -12,7 +12,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bench.adapters.rosbag.rig import Rig, RosbagOptions
-from bench.cameras import RollingShutter, camera_from_parameters
+from bench.cameras.model import RollingShutter
+from bench.cameras.stored import camera_from_parameters
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from bench.harness.digests import digest_file

@@ -15,7 +15,7 @@ from bench.annotation.settings import ProposalSettings
 from bench.annotation.tracking import Tracker
 from bench.errors import DataError
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from tests.annotation.street import COARSE, annotated, street
 from tests.support import drive
 from tests.support.tiny import VEHICLE_FROM_LIDAR

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.cameras import CAMERA_MODELS, camera_from_parameters, camera_parameters, ray_grid
+from bench.cameras.model import ray_grid
+from bench.cameras.stored import CAMERA_MODELS, camera_from_parameters, camera_parameters
 from bench.errors import ShapeError, UnknownNameError
 from tests.support.lenses import LENSES, real_kannala_brandt, real_unified, real_woodscape
 from tests.support.real import needs_real

@@ -8,20 +8,11 @@ import numpy as np
 import pytest
 
 from bench.adapters.woodscape import Intrinsic
-from bench.cameras import (
-    BrownConradyCamera,
-    DoubleSphereCamera,
-    ExtendedUnifiedCamera,
-    KannalaBrandtCamera,
-    OcamCamera,
-    PinholeCamera,
-    RadialPolynomialCamera,
-    RollingShutter,
-    UnifiedCamera,
-    camera_from_parameters,
-    camera_parameters,
-)
-from bench.cameras.pinhole import BrownDistortion
+from bench.cameras.angular import KannalaBrandtCamera, OcamCamera, RadialPolynomialCamera
+from bench.cameras.model import RollingShutter
+from bench.cameras.pinhole import BrownDistortion, PinholeCamera
+from bench.cameras.spheres import BrownConradyCamera, DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
+from bench.cameras.stored import camera_from_parameters, camera_parameters
 from bench.errors import ShapeError
 from bench.geometry import normalise
 from tests.support.lenses import LENSES, real_kannala_brandt

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from bench.annotation.formats import label_format
-from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
+from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat, label_format
 from bench.recordings import read_annotations
 from tests.support import tiny
 from tests.support.cards import write_card
@@ -90,7 +89,8 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     source = ("annotate", "import", "boxes", table, *words(card, "--out", tmp_path / "boxes"))
     assert "say with --frame base_link=lidar" in error_line(monkeypatch, capsys, *source)
     assert call(monkeypatch, *source, "--frame", "base_link=vehicle") == 0
-    assert call(monkeypatch, *exported(card, "openlabel", out, "--overwrite")) == 0
+    labels.unlink()
+    assert call(monkeypatch, *exported(card, "openlabel", out)) == 0
     content = json.loads(labels.read_text())
     for frame in content["openlabel"]["frames"].values():
         frame["frame_properties"]["timestamp"] /= 1e9

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import planar_trajectory, read_bus_signals, read_tum, write_tum
+from bench.egomotion.files import read_bus_signals, read_tum, write_tum
+from bench.egomotion.trajectory import planar_trajectory
 from bench.errors import DataError
 from bench.times import SECOND_NS
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory, camera_motion, planar_trajectory
+from bench.egomotion.trajectory import Trajectory, camera_motion, planar_trajectory
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from tests.support.tiny import FRONT

@@ -7,7 +7,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import VisualOdometry, camera_motion
+from bench.egomotion.trajectory import camera_motion
+from bench.egomotion.visual import VisualOdometry
 from bench.errors import ShapeError, UsageError
 from bench.flow.tracks import LucasKanadeTracker
 from bench.geometry import angle_between, normalise

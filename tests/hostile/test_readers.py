@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from bench.errors import DataError
-from bench.lidar import read_sweep
+from bench.lidar.files import read_sweep
 from bench.plain_yaml import parse_yaml
 from bench.recordings import load_card
 from tests.hostile import files
@@ -42,7 +42,7 @@ READ_UNDER_A_LIMIT = """
 import resource, sys
 from pathlib import Path
 from bench.errors import DataError
-from bench.lidar import read_sweep
+from bench.lidar.files import read_sweep
 resource.setrlimit(resource.RLIMIT_AS, (2 << 30, 2 << 30))
 for path in sorted(Path(sys.argv[1]).iterdir()):
     try:

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from bench.errors import BenchError
-from bench.lidar import read_sweep
+from bench.lidar.files import read_sweep
 from tests.hostile import files
 from tests.hostile.damage import damaged
 from tests.support import tiny

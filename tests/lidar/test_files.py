@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from bench.errors import DataError, UnknownNameError
-from bench.lidar import LidarSweep, read_points, read_sweep, write_sweep
 from bench.lidar.fields import is_time
-from bench.lidar.files import FORMATS
+from bench.lidar.files import FORMATS, read_points, read_sweep, write_sweep
+from bench.lidar.sweep import LidarSweep
 from tests.support.clouds import laz, pcd_of, write_points
 from tests.support.clouds import pcd as pcd_head
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.lidar import deskew, interpolation_timestamps
+from bench.lidar.sweep import deskew, interpolation_timestamps
 from bench.times import SECOND_NS
 
 SINCE_1970_NS = 1_700_000_000_000_000_001  # more digits than a float holds

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.geometry import RigidTransform
 from bench.methods import build_method
 from tests.support.board_scene import CAMERA, HEIGHT, STEP, WIDTH, crossing, frame, render

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.errors import UnknownNameError, UsageError
 from bench.harness.exact import require_scorable
 from bench.methods import METHODS, FlowMethod, Method, build_method, describe_method, known_methods

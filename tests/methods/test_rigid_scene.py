@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import BrownConradyCamera, PinholeCamera
+from bench.cameras.pinhole import PinholeCamera
+from bench.cameras.spheres import BrownConradyCamera
 from bench.errors import UsageError
 from bench.geometry import RigidTransform, RoadPlane
 from bench.methods import build_method

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bench.cameras import RollingShutter
-from bench.egomotion import camera_motion
+from bench.cameras.model import RollingShutter
+from bench.egomotion.trajectory import camera_motion
 from bench.geometry import RoadPlane
 from bench.methods.rigid_scene.scene import RigidScene
 from bench.methods.spherical.likelihood import PAPER_ANGLE_RAD, SphericalSettings

@@ -5,7 +5,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.geometry import RigidTransform
 from bench.methods import build_method
 from bench.methods.spherical.likelihood import CONSTRAINTS, PAPER_WEIGHTS

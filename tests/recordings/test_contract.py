@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.plug_ins import imported
 from bench.recordings import ADAPTERS, RecordingHandle, load_card, open_dataset
 from bench.recordings.contract import check_adapter

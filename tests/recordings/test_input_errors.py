@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import PinholeCamera
-from bench.egomotion import Trajectory
+from bench.cameras.pinhole import PinholeCamera
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import RigidTransform, RoadPlane
 from bench.recordings import ImageRef, MountedCamera
 from bench.recordings.input_errors import perturbed_camera, perturbed_motion, perturbed_pixels, perturbed_time_ns

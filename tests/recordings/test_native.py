@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.cameras import RollingShutter
+from bench.cameras.model import RollingShutter
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import RecordingWriter, open_native, read_image, read_truth

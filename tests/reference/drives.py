@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from bench.cameras import RadialPolynomialCamera
-from bench.egomotion import Trajectory
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.egomotion.trajectory import Trajectory
 from bench.evaluation.protocol import load_protocol
 from bench.geometry import RigidTransform, RoadPlane, advance_twist
-from bench.geometry.raster import Raster, rasterise
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, ImageRef, MountedCamera, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import COMPLETELY
 from bench.records.reference import (
@@ -25,6 +24,7 @@ from bench.records.reference import (
 )
 from bench.records.rules import Limb, OutlineErrors, ReferenceSettings
 from bench.reference.build import ReferenceBuilder
+from bench.reference.raster import Raster, rasterise
 from bench.reference.regions import Region
 from tests.support.worlds import beams
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bench.geometry.raster import Raster
 from bench.records.rules import Limb, OutlineErrors
 from bench.reference.bands import beyond_beam, pixels_per_radian, uncertain_region
 from bench.reference.grid import Beam
+from bench.reference.raster import Raster
 from bench.reference.regions import Region
 from bench.reference.scanned import Surface, limb_motion_m, outline_error_m
 from bench.reference.silhouette import Prism

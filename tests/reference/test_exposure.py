@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.cameras import RollingShutter
+from bench.cameras.model import RollingShutter
 from bench.geometry import RigidTransform
 from bench.reference.exposure import Exposure, visible_region
 from tests.reference.drives import LENS, MOUNT, MS, Box, camera, circle, drive, reference_of, with_settings

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import PointIndices
 from bench.records.reference import IgnoreReason, RegionKindName, Status
 from bench.reference.grid import find_grid

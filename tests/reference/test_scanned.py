@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import GroundPolygon, PointIndices
 from bench.records.reference import Status
 from bench.reference.build import ReferenceBuilder

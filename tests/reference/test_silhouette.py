@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from bench.cameras import PinholeCamera, ray_grid
+from bench.cameras.model import ray_grid
+from bench.cameras.pinhole import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, GroundPolygon, PointIndices
 from bench.records.reference import IgnoreReason, Status

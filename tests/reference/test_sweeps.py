@@ -7,7 +7,7 @@ import pytest
 
 import bench.reference.sweeps
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Track
 from bench.reference.grid import UP, Beam, Envelope, find_envelope, find_grid
 from bench.reference.motion import ObjectAtExposure

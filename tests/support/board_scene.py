@@ -6,7 +6,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from bench.cameras import RadialPolynomialCamera, ray_grid
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.cameras.model import ray_grid
 from bench.geometry import RigidTransform, RoadPlane
 from bench.methods import MethodInput
 from tests.support.worlds import pitched_down

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import planar_trajectory
+from bench.egomotion.trajectory import planar_trajectory
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, ObjectState, RecordingWriter, Track
 from tests.support.tiny import VEHICLE_FROM_LIDAR, pixels, write_head
 from tests.support.worlds import beams

@@ -8,17 +8,10 @@ import numpy as np
 
 from bench.adapters.kitti360 import Kitti360Options, read_rig
 from bench.adapters.woodscape import Intrinsic
-from bench.cameras import (
-    BrownConradyCamera,
-    CameraModel,
-    DoubleSphereCamera,
-    ExtendedUnifiedCamera,
-    KannalaBrandtCamera,
-    OcamCamera,
-    PinholeCamera,
-    RadialPolynomialCamera,
-    UnifiedCamera,
-)
+from bench.cameras.angular import KannalaBrandtCamera, OcamCamera, RadialPolynomialCamera
+from bench.cameras.model import CameraModel
+from bench.cameras.pinhole import PinholeCamera
+from bench.cameras.spheres import BrownConradyCamera, DoubleSphereCamera, ExtendedUnifiedCamera, UnifiedCamera
 from tests.support.real import REAL
 
 LENSES: dict[str, CameraModel] = {

@@ -12,7 +12,7 @@ import msgpack
 import numpy as np
 import pyarrow as pa
 
-from bench.cameras import RadialPolynomialCamera
+from bench.cameras.angular import RadialPolynomialCamera
 from bench.geometry import RigidTransform
 from bench.recordings import open_native, read_image
 from bench.records.recording import Cuboid, Recording

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bench.lidar import LidarSweep, read_sweep
-from bench.lidar.files import write_sweep
+from bench.lidar.files import read_sweep, write_sweep
+from bench.lidar.sweep import LidarSweep
 
 Json = dict[str, Any]
 
@@ -73,9 +73,3 @@ def retime(folder: Path, change: Callable[[int], int]) -> None:
     """Rename the files of a folder, which are called by their times, the last first."""
     for path in sorted(folder.iterdir(), reverse=True):
         path.rename(path.with_stem(str(change(int(path.stem)))))
-
-
-def shift_times(folder: Path, offset_ns: int) -> None:
-    """Rename the files of a folder, which are called by their times, to times that are later by the offset."""
-    for path in sorted(folder.iterdir(), reverse=offset_ns > 0):
-        path.rename(path.with_stem(str(int(path.stem) + offset_ns)))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, RollingShutter
+from bench.cameras.model import CameraModel, RollingShutter
 from bench.geometry import RigidTransform
 
 

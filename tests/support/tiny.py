@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel, RadialPolynomialCamera
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.cameras.model import CameraModel
 from bench.geometry import RigidTransform, RoadPlane
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, GroundPolygon, MountedCamera, ObjectState, PointIndices, RecordingWriter, Track
 
 STEP_NS = 66_666_667

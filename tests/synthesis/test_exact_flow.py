@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.methods.spherical.constraints import deviations
 from bench.recordings import open_native, read_truth
 from bench.reference.exposure import visible_region

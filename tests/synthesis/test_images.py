@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import PinholeCamera, RadialPolynomialCamera, camera_parameters, ray_grid
+from bench.cameras.angular import RadialPolynomialCamera
+from bench.cameras.model import ray_grid
+from bench.cameras.pinhole import PinholeCamera
+from bench.cameras.stored import camera_parameters
 from bench.geometry import RigidTransform
 from bench.synthesis.ego import AHEAD_FROM_CAMERA, mounted_camera, own_body
 from bench.synthesis.imaging.exposure import Sensor

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.cameras import PinholeCamera
+from bench.cameras.pinhole import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.synthesis.ego import AHEAD_FROM_CAMERA
 from bench.synthesis.imaging.renderer import Moment

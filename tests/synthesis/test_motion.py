@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.egomotion import read_bus_signals, read_tum
+from bench.egomotion.files import read_bus_signals, read_tum
 from bench.synthesis.motion import ego_motion, road_profile
 from bench.synthesis.scenario import SuspensionSpec
 from bench.times import SECOND_NS

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.geometry import RigidTransform
-from bench.lidar import deskew, interpolation_timestamps
+from bench.lidar.sweep import deskew, interpolation_timestamps
 from bench.synthesis.bodies import make_body
 from bench.synthesis.ego import own_body
 from bench.synthesis.mesh import Surface, joined

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.geometry import RigidTransform
 from bench.recordings.native import open_native
 from bench.validation.findings import Finding, Severity, Undecided

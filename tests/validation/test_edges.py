@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.egomotion import planar_trajectory
+from bench.egomotion.trajectory import planar_trajectory
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings.native import open_native
 from bench.reference.sweeps import pose_sweep
 from bench.validation.fits import cameras

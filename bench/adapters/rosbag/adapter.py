@@ -59,7 +59,7 @@ from bench.adapters.rosbag.rig import (
 )
 from bench.adapters.rosbag.sensors import BagImage, BagSweep
 from bench.atomic import linked_folder
-from bench.egomotion import Trajectory, planar_trajectory
+from bench.egomotion.trajectory import Trajectory, planar_trajectory
 from bench.errors import DataError, ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings.annotations import annotation_file_in, read_annotations

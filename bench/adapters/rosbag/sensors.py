@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from bench.adapters.rosbag.messages import COMPRESSED_IMAGE, StoredMessage, decode, header_stamp_ns
 from bench.adapters.rosbag.rig import LidarRig
 from bench.errors import DataError
-from bench.lidar import LidarSweep
 from bench.lidar.fields import sweep_of
+from bench.lidar.sweep import LidarSweep
 from bench.recordings.images import as_seen, decode_image
 
 

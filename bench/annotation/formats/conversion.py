@@ -9,13 +9,11 @@ Velocities that files do not hold come from places; objects without ids are foll
 
 from __future__ import annotations
 
-import itertools
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +22,17 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from bench.atomic import write_bytes
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import DataError, OutputError, UnknownNameError, UsageError
 from bench.geometry import RigidTransform
 from bench.plain_text import counted, listed
-from bench.plug_ins import imported, known_targets
+from bench.plug_ins import imported
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import world_velocities, world_yaw_rates
 from bench.records.reference import OBJECT_CLASSES
 from bench.times import SECOND_NS
 
 Floats = NDArray[np.float64]
-ENTRY_POINTS = "fisheye_bench.labels"
 LABEL_FORMATS = {
     "boxes": "bench.annotation.formats.table:BoxTable",
     "openlabel": "bench.annotation.formats.openlabel:OpenLabelFormat",
@@ -321,22 +318,15 @@ class LabelSet:
     lost: tuple[str, ...] = ()
 
 
-def known_formats() -> dict[str, str]:
-    """Name -> "module:Class" of the package's formats and of those that installed packages add."""
-    return known_targets(ENTRY_POINTS, LABEL_FORMATS)
-
-
 def label_format(name: str) -> LabelFormat:
     """A format of labels.
 
     Raises:
         UnknownNameError: no such format.
-        UsageError: nothing to import where an installed package says that it is.
     """
-    known = known_formats()
-    if name not in known:
-        raise UnknownNameError("label format", name, known)
-    chosen: LabelFormat = imported(known[name], expected=f"format {name!r}: expected a class")()
+    if name not in LABEL_FORMATS:
+        raise UnknownNameError("label format", name, LABEL_FORMATS)
+    chosen: LabelFormat = imported(LABEL_FORMATS[name], expected=f"format {name!r}: expected a class")()
     return chosen
 
 
@@ -517,28 +507,19 @@ def followed(times_ns: Sequence[int], places_m: Sequence[Floats], *, fastest_mps
     return numbers
 
 
-def store_labels(folder: Path, files: Mapping[str, bytes], *, overwrite: bool = False) -> tuple[Path, ...]:
+def store_labels(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write label files, all or none.
 
     Args:
         folder: of the files; made where it is not there.
         files: name -> content.
-        overwrite: replace also files of another content, and keep a copy of each, `<name>.1` and on.
-
-    Returns:
-        The copies.
 
     Raises:
         OutputError: a file of another content is in the way, or one cannot be written.
     """
-    others = [name for name in files if (folder / name).is_file() and (folder / name).read_bytes() != files[name]]
-    if others and not overwrite:
-        hint = "give another folder; or --overwrite, which keeps a copy of them"
-        raise OutputError(folder / others[0], got="other labels that are there", hint=hint)
-    copies = []
-    for name in others:
-        copies.append(next(path for i in itertools.count(1) if not lexists(path := folder / f"{name}.{i}")))
-        write_bytes(copies[-1], (folder / name).read_bytes())
+    for name, content in files.items():
+        if (folder / name).is_file() and (folder / name).read_bytes() != content:
+            hint = "move them away, or give another folder"
+            raise OutputError(folder / name, got="other labels that are there", hint=hint)
     for name, content in files.items():
         write_bytes(folder / name, content)
-    return tuple(copies)

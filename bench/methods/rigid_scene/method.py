@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.flow.dense import DisFlow, FarnebackFlow, dense_flow
 from bench.methods.contract import FlowMethod, MethodInput
 from bench.methods.rigid_scene.candidates import Candidates, ObjectSettings, find_candidates

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel
+from bench.cameras.model import CameraModel
 from bench.errors import UsageError
 from bench.geometry import Floats, RigidTransform, RoadPlane, cross, dot, normalise
 from bench.methods.rigid_scene.evidence import (

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, RayGrid, ray_grid
+from bench.cameras.model import CameraModel, RayGrid, ray_grid
 from bench.flow.dense import DenseFlow
 from bench.geometry import Bools, Floats, RigidTransform, RoadPlane, dot
 from bench.methods.contract import MethodInput

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.flow.dense import cell_mean, dense_flow
 from bench.geometry import Bools, RigidTransform
 from bench.methods.contract import FlowMethod, MethodInput

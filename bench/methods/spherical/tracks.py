@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from bench.cameras import RayGrid, ray_grid
-from bench.egomotion import VisualOdometry
+from bench.cameras.model import RayGrid, ray_grid
+from bench.egomotion.visual import VisualOdometry
 from bench.errors import UsageError
 from bench.flow.tracks import LucasKanadeTracker
 from bench.geometry import Bools, Floats, RigidTransform

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import PinholeCamera
+from bench.cameras.pinhole import PinholeCamera
 from bench.geometry import RigidTransform
 from bench.machine_code import compiled, inlined
 from bench.synthesis.ego import AHEAD_FROM_CAMERA

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, RollingShutter
+from bench.cameras.model import CameraModel, RollingShutter
 from bench.geometry import RigidTransform
 from bench.recordings import MountedCamera, RecordingWriter
 from bench.synthesis.ego import own_body

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import CameraModel, ray_grid
+from bench.cameras.model import CameraModel, ray_grid
 from bench.geometry import normalise
 from bench.machine_code import compiled, inlined
 

@@ -18,7 +18,7 @@ import shapely
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.plain_text import counted
 from bench.recordings import Cuboid, PointIndices, Recording, Track
 from bench.records.recording import NOT_ANNOTATED, world_velocities

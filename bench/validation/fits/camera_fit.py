@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.recordings import MountedCamera
 from bench.times import SECOND_NS
 from bench.validation.fits.flow import FARTHEST_PX, SECTORS, SeenFlow

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras import ray_grid
+from bench.cameras.model import ray_grid
 from bench.errors import DataError
 from bench.flow.dense import DisFlow
 from bench.recordings import MountedCamera, Recording, read_image

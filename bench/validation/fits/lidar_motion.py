@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import RigidTransform, twist_between
 from bench.times import SECOND_NS
 from bench.validation.fits.readings import DEGREE

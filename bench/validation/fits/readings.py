@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bench.cameras import CameraModel, KannalaBrandtCamera, PinholeCamera
-from bench.egomotion import Trajectory
+from bench.cameras.angular import KannalaBrandtCamera
+from bench.cameras.model import CameraModel
+from bench.cameras.pinhole import PinholeCamera
+from bench.egomotion.trajectory import Trajectory
 from bench.errors import ShapeError
 from bench.geometry import RigidTransform
 from bench.recordings import Cuboid, MountedCamera, Recording
@@ -252,7 +254,7 @@ def camera_readings(camera: MountedCamera, others: Sequence[MountedCamera]) -> I
     """
     model, mounting = camera.model, camera.vehicle_from_camera
     rotation, place_m = mounting.rotation, mounting.translation_m
-    lenses = [(f"the focal length times {factor:g}", zoomed(model, factor)) for factor in (0.5, 2.0)]
+    lenses = [(f"the focal length times {factor:g}", model.zoomed(factor)) for factor in (0.5, 2.0)]
     for description, lens in (*lenses, *_other_lenses(model)):
         yield Reading(field="model", description=description, undo=replace(camera, model=lens))
     inverse = replace(camera, vehicle_from_camera=mounting.inverse())
@@ -278,12 +280,6 @@ def camera_readings(camera: MountedCamera, others: Sequence[MountedCamera]) -> I
 
 def _rotation(*quaternion_wxyz: float) -> Array:
     return RigidTransform.from_quaternion(quaternion_wxyz, np.zeros(3)).rotation
-
-
-def zoomed(model: CameraModel, factor: float) -> CameraModel:
-    """The lens with another focal length, in an image of the same size."""
-    size = round(model.width * factor), round(model.height * factor)
-    return replace(model.scaled(*size), width=model.width, height=model.height, principal_point=model.principal_point)
 
 
 def _other_lenses(model: CameraModel) -> Iterator[tuple[str, CameraModel]]:

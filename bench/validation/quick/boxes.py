@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 
 from bench.plain_text import counted, listed
 from bench.recordings import Cuboid, Recording, Track
-from bench.recordings.validation import keys_twice
 from bench.records.recording import COMPLETELY, NOT_ANNOTATED
-from bench.validation.findings import Finding, Severity, annotation_file, boxes_of, new_finding, object_field, unusable
+from bench.validation.findings import Finding, Severity, boxes_of, new_finding, object_field
 
 Span = tuple[float, float]
 
@@ -109,9 +107,6 @@ def check_boxes(recording: Recording) -> Iterator[Finding]:
 
 
 def _names(recording: Recording) -> Iterator[Finding]:
-    file = Path(annotation_file(recording))
-    if file.suffix == ".json":
-        yield from (unusable(error, check="key-twice") for error in keys_twice(file))
     for field, names in (
         ("track_id", [track.track_id for track in recording.tracks]),
         ("instance_id", [str(track.instance_id) for track in recording.tracks if track.instance_id is not None]),

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from bench.egomotion import Trajectory
+from bench.egomotion.trajectory import Trajectory
 from bench.geometry import twist_between
 from bench.plain_text import counted, listed
 from bench.recordings import Cuboid, Recording, Track

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bench.errors import DataError
-from bench.lidar import LidarSweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import ImageRef, Recording, read_image, read_truth
 from bench.recordings.images import read_moving_mask
 from bench.records.recording import Content

@@ -12,9 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.annotation.formats.conversion import store_labels
-from bench.egomotion import Trajectory, planar_trajectory
+from bench.egomotion.trajectory import Trajectory, planar_trajectory
 from bench.geometry import RigidTransform
-from bench.lidar import LidarSweep, read_sweep, write_sweep
+from bench.lidar.files import read_sweep, write_sweep
+from bench.lidar.sweep import LidarSweep
 from bench.recordings import Cuboid, GroundPolygon, ObjectState, PointIndices, Recording, SweepRef, Track
 from bench.records.recording import NOT_ANNOTATED
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels, label_format
-from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat
+from bench.annotation.formats.conversion import LABEL_FORMATS, LabelFormat, LabelOptions, import_labels, label_format
 from bench.errors import DataError, UnknownNameError, UsageError
 from bench.recordings import read_annotations, write_annotations
 from tests.annotation.formats import street

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.annotation.formats import LabelOptions, import_labels
 from bench.annotation.formats.conversion import (
     LONGEST_GAP_NS,
+    LabelOptions,
     Observation,
     ToolLabels,
     followed,
+    import_labels,
     map_classes,
     middle_velocities,
     with_motion,

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.conversion import LabelOptions, import_labels
 from bench.commands.annotate import open_unannotated
 from bench.recordings import load_card
 from tests.support import tiny

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels, label_format
+from bench.annotation.formats.conversion import LabelOptions, import_labels, label_format
 from bench.errors import DataError
-from bench.lidar import read_sweep
+from bench.lidar.files import read_sweep
 from bench.recordings import SweepRef
 from tests.annotation.formats import street
 from tests.annotation.formats.street import assert_same_boxes, written

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.conversion import LabelOptions, import_labels
 from bench.annotation.formats.semantickitti import near_groups
 from bench.errors import DataError
-from bench.lidar import LidarSweep, read_sweep
+from bench.lidar.files import read_sweep
+from bench.lidar.sweep import LidarSweep
 from tests.annotation.formats import street
 
 CAR, MOVING_CAR, MOVING_PERSON, ROAD, MOVING = 10, 252, 254, 40, 251

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.annotation.formats import LabelOptions
-from bench.annotation.formats.conversion import pair_with_sweeps, recording_times
+from bench.annotation.formats.conversion import LabelOptions, pair_with_sweeps, recording_times
 from bench.errors import DataError
-from bench.lidar import read_sweep
+from bench.lidar.files import read_sweep
 from bench.recordings import SweepRef
 from tests.annotation.formats import street
 

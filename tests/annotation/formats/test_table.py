@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.conversion import LabelOptions, import_labels
 from bench.annotation.formats.table import REQUIRED, VELOCITY, BoxTable
 from bench.errors import DataError
 from bench.geometry import RigidTransform

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.adapters.kitti_raw import DEEPEST
-from bench.annotation.formats import LabelOptions, import_labels
+from bench.annotation.formats.conversion import LabelOptions, import_labels
 from bench.errors import DataError
 from bench.geometry import RigidTransform
 from tests.annotation.formats import street

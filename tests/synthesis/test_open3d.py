@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bench.errors import UsageError
-from bench.lidar import cloud_files, open3d
 from bench.synthesis import rays
 
 
@@ -16,7 +15,7 @@ from bench.synthesis import rays
 def library():
     """The module open3d; where it does not load, tests are skipped but in CI, whose script installs what it needs."""
     try:
-        return open3d()
+        return rays._open3d()
     except UsageError as error:
         if os.environ.get("CI"):
             raise
@@ -37,8 +36,8 @@ def test_rays_meet_the_same_by_embreex_and_open3d(library):
 def test_open3d_loads_without_the_viewers_that_it_brings(library):
     program = (
         "import sys; sys.modules['plotly'] = sys.modules['dash'] = None\n"
-        "from bench.lidar import open3d\n"
-        "print(open3d().core.Tensor([1.0]).shape, 'open3d.visualization' in sys.modules)"
+        "from bench.synthesis.rays import _open3d\n"
+        "print(_open3d().core.Tensor([1.0]).shape, 'open3d.visualization' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.stdout == "SizeVector[1] False\n", done.stderr
@@ -47,4 +46,4 @@ def test_open3d_loads_without_the_viewers_that_it_brings(library):
 def test_an_open3d_that_does_not_load_says_what_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(UsageError, match=r"open3d: expected a library that loads.*apt-get install"):
-        cloud_files.open3d.__wrapped__()
+        rays._open3d.__wrapped__()
