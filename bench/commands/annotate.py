@@ -75,12 +75,14 @@ class ConvertedLabels:
         recording: that they are of.
         labels: what was read or written, and what the other side cannot hold.
         place: file or folder that was written; None where nothing was proposed and nothing reviewed.
+        copies: of files of another content that were replaced on request.
     """
 
     card: DatasetCard
     recording: Recording
     labels: LabelSet
     place: Path | None
+    copies: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,6 +227,7 @@ def import_labels(
     ] = None,
     first_frame: Annotated[int | None, typer.Option()] = None,
     time_unit: Annotated[Literal["ns", "us", "ms", "s"], typer.Option()] = "ns",
+    overwrite: Flag = False,
 ) -> ConvertedLabels:
     """Convert a tool's labels to <recording>.json; list what was read and what was lost.
 
@@ -240,6 +243,7 @@ def import_labels(
             that name none; repeatable.
         first_frame: number of the first sweep, where frames are counted; default: frames are named as sweeps.
         time_unit: unit of times that do not state it.
+        overwrite: replace other labels that are there; a copy stays.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
@@ -263,8 +267,8 @@ def import_labels(
     labels = read_labels(format_name, Path(source), opened, options)
     file = folder / f"{recording}.json"
     text = annotation_text(file, labels.tracks, timestamps_ns=labels.timestamps_ns)
-    store_labels(folder, {file.name: text.encode()})
-    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file)
+    copies = store_labels(folder, {file.name: text.encode()}, overwrite=overwrite)
+    return ConvertedLabels(card=card, recording=opened, labels=labels, place=file, copies=copies)
 
 
 def export_labels(
@@ -276,6 +280,7 @@ def export_labels(
     unreviewed: Flag = False,
     format_name: Annotated[str | None, typer.Option("--format")] = None,
     annotated: Flag = False,
+    overwrite: Flag = False,
 ) -> tuple[ConvertedLabels, ...]:
     """Write accepted tracks as annotations; refuse drives with undecided tracks or unwatched sweeps.
 
@@ -287,6 +292,7 @@ def export_labels(
         unreviewed: write what was proposed and not rejected; results then say so.
         format_name: write files of a tool instead: boxes or openlabel.
         annotated: with --format: write the annotations of the data set instead of reviews.
+        overwrite: replace other labels that are there; a copy stays.
 
     Raises:
         UnknownNameError: no data set, split or format of this name.
@@ -318,9 +324,12 @@ def export_labels(
                 files, lost = tool.write(recording)
                 labels = replace(labels, lost=tuple(lost))
         written.append((ConvertedLabels(card=card, recording=recording, labels=labels, place=place), files))
-    for drive, files in written:
-        store_labels(Path(out) / (drive.recording.name if tool else ""), files)
-    return tuple(drive for drive, _ in written)
+    return tuple(
+        replace(
+            drive, copies=store_labels(Path(out) / (drive.recording.name if tool else ""), files, overwrite=overwrite)
+        )
+        for drive, files in written
+    )
 
 
 def show_labels(written: ConvertedLabels | Sequence[ConvertedLabels]) -> None:
@@ -452,6 +461,8 @@ def _print_labels(written: ConvertedLabels) -> None:
         say(f"  {sum(track.object_class == object_class for track in labels.tracks)} {object_class}{size}")
     for line in labels.lost:
         say(f"  lost: {line}", style="yellow")
+    for copy in written.copies:
+        say(f"  what was there is kept as {copy}", style="yellow")
     say(str(written.place))
 
 

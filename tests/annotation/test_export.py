@@ -86,20 +86,23 @@ def test_a_review_of_another_drive_gives_no_labels(card, drive, tmp_path):
 FILES = {"a.json": b"a", "drive/b.csv": b"b"}
 
 
-def test_other_labels_stay(tmp_path):
-    for _ in range(2):
-        store_labels(tmp_path, FILES)
+def test_other_labels_stay_unless_asked_and_then_as_a_copy(tmp_path):
+    assert store_labels(tmp_path, FILES) == store_labels(tmp_path, FILES) == ()
     (tmp_path / "drive/b.csv").write_bytes(b"mine")
-    with pytest.raises(OutputError, match="other labels that are there; move them away"):
+    with pytest.raises(OutputError, match=r"other labels that are there; .*--overwrite, which keeps a copy"):
         store_labels(tmp_path, {"a.json": b"new", "drive/b.csv": b"new"})
     assert (tmp_path / "drive/b.csv").read_bytes() == b"mine"
     assert (tmp_path / "a.json").read_bytes() == b"a"  # all or none
+    assert store_labels(tmp_path, {"drive/b.csv": b"new"}, overwrite=True) == (tmp_path / "drive/b.csv.1",)
+    assert (tmp_path / "drive/b.csv.1").read_bytes() == b"mine"
+    assert store_labels(tmp_path, {"drive/b.csv": b"newer"}, overwrite=True) == (tmp_path / "drive/b.csv.2",)
+    assert sorted(path.name for path in (tmp_path / "drive").iterdir()) == ["b.csv", "b.csv.1", "b.csv.2"]
 
 
 def test_a_folder_in_the_way_is_one_line(tmp_path):
     (tmp_path / "a.json").mkdir()
     with pytest.raises(OutputError, match="a folder or device"):
-        store_labels(tmp_path, {"a.json": b"a"})
+        store_labels(tmp_path, {"a.json": b"a"}, overwrite=True)
 
 
 @pytest.mark.slow

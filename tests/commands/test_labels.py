@@ -89,8 +89,7 @@ def test_classes_frames_units_and_the_first_frame_reach_the_format(monkeypatch, 
     source = ("annotate", "import", "boxes", table, *words(card, "--out", tmp_path / "boxes"))
     assert "say with --frame base_link=lidar" in error_line(monkeypatch, capsys, *source)
     assert call(monkeypatch, *source, "--frame", "base_link=vehicle") == 0
-    labels.unlink()
-    assert call(monkeypatch, *exported(card, "openlabel", out)) == 0
+    assert call(monkeypatch, *exported(card, "openlabel", out, "--overwrite")) == 0
     content = json.loads(labels.read_text())
     for frame in content["openlabel"]["frames"].values():
         frame["frame_properties"]["timestamp"] /= 1e9

@@ -9,11 +9,13 @@ Velocities that files do not hold come from places; objects without ids are foll
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -507,19 +509,28 @@ def followed(times_ns: Sequence[int], places_m: Sequence[Floats], *, fastest_mps
     return numbers
 
 
-def store_labels(folder: Path, files: Mapping[str, bytes]) -> None:
+def store_labels(folder: Path, files: Mapping[str, bytes], *, overwrite: bool = False) -> tuple[Path, ...]:
     """Write label files, all or none.
 
     Args:
         folder: of the files; made where it is not there.
         files: name -> content.
+        overwrite: replace also files of another content, and keep a copy of each, `<name>.1` and on.
+
+    Returns:
+        The copies.
 
     Raises:
         OutputError: a file of another content is in the way, or one cannot be written.
     """
-    for name, content in files.items():
-        if (folder / name).is_file() and (folder / name).read_bytes() != content:
-            hint = "move them away, or give another folder"
-            raise OutputError(folder / name, got="other labels that are there", hint=hint)
+    others = [name for name in files if (folder / name).is_file() and (folder / name).read_bytes() != files[name]]
+    if others and not overwrite:
+        hint = "give another folder; or --overwrite, which keeps a copy of them"
+        raise OutputError(folder / others[0], got="other labels that are there", hint=hint)
+    copies = []
+    for name in others:
+        copies.append(next(path for i in itertools.count(1) if not lexists(path := folder / f"{name}.{i}")))
+        write_bytes(copies[-1], (folder / name).read_bytes())
     for name, content in files.items():
         write_bytes(folder / name, content)
+    return tuple(copies)
