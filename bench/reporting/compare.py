@@ -513,8 +513,8 @@ def _detection_table(comparison: RunComparison) -> Table:
 def _frame_table(frames: pd.DataFrame) -> Table:
     return Table(
         title=f"Frames that changed most: at most {LISTED} of a kind, one per object",
-        columns={"name": "Frame", "before": _COLUMNS["before"], "after": _COLUMNS["after"]},
-        rows=frames.assign(name=[frame_title(frame) for frame in frames.to_dict("records")]),
+        columns=["Frame", _COLUMNS["before"], _COLUMNS["after"]],
+        rows=[[frame_title(frame), frame["before"], frame["after"]] for frame in frames.to_dict("records")],
         note="Percent of the object that is marked, or of the image that is wrongly marked.",
     )
 

@@ -562,3 +562,5 @@ def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[
     half_m = (high - low).max() / 2 + _SURROUNDINGS_M
     (x, y) = (low + high) / 2
     figures.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
+    axes.set_xlabel("y (m), left of the ego vehicle", labelpad=1.5)
+    axes.set_ylabel("x (m), ahead of the ego vehicle", labelpad=1.5)
