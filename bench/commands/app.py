@@ -88,10 +88,9 @@ def user_message(error: Exception) -> str | None:
     if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
         got = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         return f"expected memory and threads, got {got}; give this process more, or take fewer --workers"
-    if isinstance(error, OSError) and (
-        error.filename is not None or error.errno in DISK_FULL
-    ):  # not of our own writers
-        hint = "; free some disk space, then run the same command again" if error.errno in DISK_FULL else ""
+    full = isinstance(error, OSError) and error.errno in DISK_FULL
+    if isinstance(error, OSError) and (full or error.filename is not None):  # not of our own writers
+        hint = "; free some disk space, then run the same command again" if full else ""
         return f"{error.filename or 'this disk'}: {error.strerror or error}{hint}"
     return None
 

@@ -20,7 +20,6 @@ from bench.plain_text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
-    import pyarrow as pa
 
     from bench.evaluation.summary import ObjectMetrics
     from bench.execution import TaskExecutor
@@ -83,23 +82,22 @@ class Run:
         rows = {**self.summary.categories, "all_moving": self.summary.all_moving}
         return pd.DataFrame.from_dict({name: _row(row) for name, row in rows.items()}, orient="index")
 
-    @cached_property
+    @property
     def objects(self) -> pd.DataFrame:
         """One row per annotated object and image, whatever its status; columns as in `objects.parquet`."""
-        objects: pd.DataFrame = self._tables[0].to_pandas()
-        return objects
+        return self._tables[0]
 
-    @cached_property
+    @property
     def frames(self) -> pd.DataFrame:
         """One row per image; columns as in `frames.parquet`, without histograms."""
-        frames: pd.DataFrame = self._tables[1].to_pandas()
-        return frames.dropna(axis="columns", how="all")
+        return self._tables[1]
 
     @cached_property
-    def _tables(self) -> tuple[pa.Table, pa.Table]:
+    def _tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         from bench.harness.stored import read_tables
 
-        return read_tables(self.folder, histograms=False)
+        objects, frames = read_tables(self.folder, histograms=False)
+        return objects.to_pandas(), frames.to_pandas().dropna(axis="columns", how="all")
 
     def flat(self) -> dict[str, float | str]:
         """Metrics, as "crossing.iou", and settings, as "settings.threshold", for a tracker of experiments."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from bench.evaluation.definitions import find_metric
 from bench.evaluation.summary import Metric
 from bench.plain_text import counted
 from bench.reporting.document import Block, Column, Heading, Paragraph, Table, to_markdown
-from bench.reporting.formats import INTERVALS, LABELS, hundredths, short_interval
+from bench.reporting.formats import INTERVALS, LABELS, hundredths, number, short_interval
 from bench.reporting.run_tables import COVERAGES
 
 COMPENSATIONS = {
@@ -25,9 +24,7 @@ COMPENSATIONS = {
 }
 
 
-def decimal(value: float) -> str:
-    """A number with two decimals, "n/a" for NaN."""
-    return "n/a" if math.isnan(value) else f"{value:.2f}"
+decimal = number(2, none="n/a")
 
 
 def share(part: int, whole: int) -> str:

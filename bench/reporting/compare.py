@@ -334,18 +334,14 @@ def compare_runs(folders: Sequence[Path]) -> list[RunComparison]:
 
 def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
     before, after = pair_on_common_images(first, other)
-    manifests = [before.manifest, after.manifest]
-    methods = [
-        _called(manifest.method.name, own)
-        for manifest, own in zip(manifests, differing_settings(manifests), strict=True)
-    ]
+    differing = differing_settings([before.manifest, after.manifest])
     images = (before.summary.images.evaluated, after.summary.images.evaluated, before.metrics.images.evaluated)
     detections, objects = changed_objects(before, after)
     return RunComparison(
         before=before,
         after=after,
         images=images,
-        methods=(methods[0], methods[1]),
+        methods=(_called(before, differing[0]), _called(after, differing[1])),
         changes=metric_changes(before, after),
         detections=detections,
         frames=pd.concat([objects, changed_images(before, after)], ignore_index=True),
@@ -353,10 +349,10 @@ def _compare(first: StoredRun, other: StoredRun) -> RunComparison:
     )
 
 
-def _called(method: str, settings: Mapping[str, object]) -> str:
+def _called(run: StoredRun, settings: Mapping[str, object]) -> str:
     """For example "spherical (flow=dis, weights.anti_parallel=0)", settings as `--set` takes them."""
     text = ", ".join(f"{setting}={value}" for setting, value in settings.items())
-    return f"{method} ({text})" if text else method
+    return f"{run.manifest.method.name} ({text})" if text else run.manifest.method.name
 
 
 def _notes(before: StoredRun, after: StoredRun, images: tuple[int, int, int]) -> tuple[str, ...]:
@@ -517,8 +513,8 @@ def _detection_table(comparison: RunComparison) -> Table:
 def _frame_table(frames: pd.DataFrame) -> Table:
     return Table(
         title=f"Frames that changed most: at most {LISTED} of a kind, one per object",
-        columns={"name": "Frame", "before": _COLUMNS["before"], "after": _COLUMNS["after"]},
-        rows=frames.assign(name=[frame_title(frame) for frame in frames.to_dict("records")]),
+        columns=["Frame", _COLUMNS["before"], _COLUMNS["after"]],
+        rows=[[frame_title(frame), frame["before"], frame["after"]] for frame in frames.to_dict("records")],
         note="Percent of the object that is marked, or of the image that is wrongly marked.",
     )
 

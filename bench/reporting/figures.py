@@ -161,22 +161,18 @@ def drawing(name: str, figure: Figure, label: str) -> Drawing:
 # The ground seen from above.
 
 
-def plan_axes(axes: Axes, *, x_m: tuple[float, float], y_m: tuple[float, float], labels: bool = True) -> None:
+def plan_axes(axes: Axes, *, x_m: tuple[float, float], y_m: tuple[float, float]) -> None:
     """Set limits in the vehicle frame; data coordinates are (y, x) so that artists take columns swapped.
 
     Args:
         axes: where to draw.
         x_m: lowest and highest x, forward, m.
         y_m: lowest and highest y, left, m.
-        labels: name the axes.
     """
     axes.set(xlim=(y_m[1], y_m[0]), ylim=x_m, aspect="equal")
     axes.xaxis.set_major_locator(MultipleLocator(5))
     axes.yaxis.set_major_locator(MultipleLocator(5))
     axes.tick_params(length=2, pad=2)
-    if labels:
-        axes.set_xlabel("y (m), left of the ego vehicle", labelpad=1.5)
-        axes.set_ylabel("x (m), ahead of the ego vehicle", labelpad=1.5)
 
 
 def draw_vehicle(axes: Axes, outline_m: NDArray[np.float64]) -> None:
@@ -277,7 +273,7 @@ def _draw_panel(axes: Axes, range_map: RangeMap | None, reach_m: float, vehicle_
             zorder=4.5, clip_on=True, bbox={"facecolor": "white", "alpha": 0.75, "linewidth": 0, "pad": 0.4},
         )  # fmt: skip
     draw_vehicle(axes, vehicle_outline_m)
-    plan_axes(axes, x_m=(-reach_m, reach_m), y_m=(-reach_m, reach_m), labels=False)
+    plan_axes(axes, x_m=(-reach_m, reach_m), y_m=(-reach_m, reach_m))
     axes.locator_params(base=RING_STEP_M * (1 if reach_m < 15.0 else 2))  # or the numbers below touch
 
 

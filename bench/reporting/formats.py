@@ -59,11 +59,6 @@ def percent(ratio: float) -> str:
     return "n/a (0 cases)" if math.isnan(ratio) else f"{100 * ratio:.1f} %"
 
 
-def hundredths(ratio: float) -> str:
-    """A ratio in percent without the sign, "72.1"; "n/a" for NaN."""
-    return "n/a" if math.isnan(ratio) else f"{100 * ratio:.1f}"
-
-
 def interval(ci95: tuple[float, float] | None, *, unit: float = 100.0, digits: int = 1) -> str:
     """A 95 % interval in percent, "[65.0, 78.3]", or in another unit; "" for none."""
     return "" if ci95 is None else "[{:.{d}f}, {:.{d}f}]".format(*(unit * end for end in ci95), d=digits)
@@ -79,6 +74,9 @@ def points(ratio: float) -> str:
 def number(digits: int, *, times: float = 1.0, none: str = "") -> Callable[[float], str]:
     """Return the function that formats the numbers of a column in another unit; `none` for NaN."""
     return lambda value: none if math.isnan(value) else f"{times * value:.{digits}f}"
+
+
+hundredths = number(1, times=100, none="n/a")  # a ratio in percent without the sign, "72.1"
 
 
 def points_interval(ci95: tuple[float, float]) -> str:

@@ -39,7 +39,6 @@ from bench.records.reference import (
     ReferenceObject,
     Status,
 )
-from bench.records.segmentation import Segmentation
 from bench.reporting import figures
 from bench.reporting.formats import frame_name
 
@@ -452,8 +451,7 @@ def _panels(processed: ProcessedFrame) -> Iterator[tuple[str, str, _Draw]]:
     segmentation, parts = processed.segmentation, processed.segmentation.parts or {}
 
     def of_cells(values: NDArray[np.float32], saturation: float) -> _Draw:
-        valid = processed.reference.valid
-        return partial(_draw_cells, values=values, saturation=saturation, segmentation=segmentation, valid=valid)
+        return partial(_draw_cells, values=values, saturation=saturation, processed=processed)
 
     if "flow_u" in parts and "flow_v" in parts:
         yield ("flow", "px per frame", partial(_draw_flow, processed=processed))
@@ -488,14 +486,10 @@ def _draw_flow(axes: Axes, *, processed: ProcessedFrame) -> ScalarMappable:
 
 
 def _draw_cells(
-    axes: Axes,
-    *,
-    values: NDArray[np.float32],
-    saturation: float,
-    segmentation: Segmentation,
-    valid: NDArray[np.bool_],
+    axes: Axes, *, values: NDArray[np.float32], saturation: float, processed: ProcessedFrame
 ) -> ScalarMappable:
     """Colour the cells; light grey where the lens or the method sees nothing."""
+    segmentation, valid = processed.segmentation, processed.reference.valid
     (height, width), (rows, columns) = valid.shape, values.shape
     cell = segmentation.cell_size_px
     middle = cell // 2
@@ -568,3 +562,5 @@ def _draw_plan(axes: Axes, geometry: ObjectGeometry, vehicle_outline_m: NDArray[
     half_m = (high - low).max() / 2 + _SURROUNDINGS_M
     (x, y) = (low + high) / 2
     figures.plan_axes(axes, x_m=(x - half_m, x + half_m), y_m=(y - half_m, y + half_m))
+    axes.set_xlabel("y (m), left of the ego vehicle", labelpad=1.5)
+    axes.set_ylabel("x (m), ahead of the ego vehicle", labelpad=1.5)

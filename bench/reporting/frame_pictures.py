@@ -224,13 +224,9 @@ class SweepViewer:
             points_world, readout = world_from_vehicle.apply(points_vehicle), None
         points_camera = self._camera.vehicle_from_camera.inverse().apply(points_vehicle)
         shown = points_camera if readout is None else readout.seen(points_camera, self._camera.model)
-        pixels, valid = self._camera.model.project(shown)
-        seen = valid & self._camera.model.contains(pixels)
-        return SeenSweep(
-            points_world=points_world,
-            pixels=pixels[seen],
-            range_m=np.linalg.norm(points_camera[seen], axis=1),
-        )
+        pixels, seen = _project(shown, self._camera)
+        range_m = np.linalg.norm(points_camera[seen], axis=1)
+        return SeenSweep(points_world=points_world, pixels=pixels[seen], range_m=range_m)
 
 
 # Videos and logs.

@@ -229,11 +229,10 @@ def read_leaderboard(folder: Path) -> Leaderboard:
             runs = [run for run in runs if _is_readable(run, not_ranked)]
         tables: list[list[StoredRun]] = []
         for run in sorted(runs, key=lambda run: (-run.summary.images.evaluated, run.label)):
-            table = next((table for table in tables if in_one_table(table, run)), None)
-            if table is None:
-                tables.append([run])
-            else:
-                table.append(run)
+            table = next((table for table in tables if in_one_table(table, run)), [])
+            if not table:
+                tables.append(table)
+            table.append(run)
         groups += map(rank_runs, tables)
     most: dict[str, int] = {}
     for group in groups:
@@ -342,10 +341,8 @@ def _ceilings(row: str, pairs: Sequence[tuple[Entry, StoredRun]]) -> dict[str, f
 
 def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Mapping[str, object]) -> Entry:
     summary, metrics, code, method = run.summary, run.metrics, run.manifest.code, run.manifest.method
-    false, highest = (
-        metrics.false_positives,
-        ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1],
-    )
+    false = metrics.false_positives
+    highest = ["detection_rate", *formats.detection_levels(metrics.all_moving.metric_names())][-1]
     of_images = {FALSE_POSITIVES: false.coverage, formats.LARGE_FALSE: false.frame_rate,
                  OF_PIXELS: metrics.segmentation.iou}  # fmt: skip
     changed = [f"{name}={value}" for name, value in method.changed_settings().items() if name in differing]

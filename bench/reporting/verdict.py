@@ -225,11 +225,11 @@ def to_junit(verdict: Verdict) -> bytes:
     if skipped := not_judged_line(verdict):
         cases.append(_case("not judged", "metrics", Skipped(_clean(skipped), "not judged")))
     suite.add_testcases(cases)
-    document = JUnitXml()
-    document.add_testsuite(suite)
-    document.update_statistics()  # type: ignore[no-untyped-call]
+    suites = JUnitXml()
+    suites.add_testsuite(suite)
+    suites.update_statistics()  # type: ignore[no-untyped-call]
     text = io.BytesIO()
-    document.write(text, pretty=True)
+    suites.write(text, pretty=True)
     return text.getvalue()
 
 

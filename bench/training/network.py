@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -178,7 +178,7 @@ def begin_with(
         "stem.one.0": [shown["coarse"].index(name) for name in card.coarse],
         "fine.0": [shown["fine"].index(name) for name in card.fine],
     }
-    norms: dict[str, nn.BatchNorm2d] = {}
+    hooks = []
     for path, weight, bias in _convolutions(file):
         convolution = modules.get(path)
         given = torch.from_numpy(weight)
@@ -192,26 +192,21 @@ def begin_with(
             convolution.bias.data = torch.from_numpy(bias)
             continue
         norm = modules[f"{path.rpartition('.')[0]}.1"]
-        assert isinstance(norm, nn.BatchNorm2d)
-        norms[path] = norm
-        norm.running_var.fill_(1 - norm.eps)  # mean 0, weight 1: passes on what it is given
         norm.bias.data = torch.from_numpy(bias)
-    answers: dict[str, tuple[Tensor, Tensor]] = {}
-
-    def keep(path: str) -> Callable[[nn.Module, object, Tensor], None]:
-        return lambda _, __, values: answers.update({path: (values.mean((0, 2, 3)), values.var((0, 2, 3)))})
-
-    hooks = [network.get_submodule(path).register_forward_hook(keep(path)) for path in norms]
+        hooks.append(norm.register_forward_pre_hook(_normalise_as_given))
     with torch.no_grad():
         network.eval()(*crops)
     for hook in hooks:
         hook.remove()
-    for path, norm in norms.items():
-        mean, variance = answers[path]
-        norm.running_mean.copy_(mean)
-        norm.running_var.copy_(variance)
-        norm.weight.data = torch.sqrt(variance + norm.eps)
-        norm.bias.data += mean
+
+
+def _normalise_as_given(norm: nn.BatchNorm2d, given: tuple[Tensor]) -> None:
+    """Take mean and spread from what a normalisation is given, and let it pass on just that, with its bias added."""
+    variance, mean = torch.var_mean(given[0], (0, 2, 3))
+    norm.running_mean.copy_(mean)
+    norm.running_var.copy_(variance)
+    norm.weight.data = torch.sqrt(variance + norm.eps)
+    norm.bias.data += mean
 
 
 def _convolutions(file: Path) -> Iterator[tuple[str, NDArray[np.float32], NDArray[np.float32]]]:
