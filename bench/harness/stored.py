@@ -79,7 +79,7 @@ class Provenance(BaseModel):
         images: scored images.
         images_asked: of which the method was asked; the answers of the others were stored.
         workers: how many; 0 where the executor does not tell.
-        peak_memory_mb: largest resident size of a process.
+        peak_memory_mb: largest resident size of a process of this machine.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -92,31 +92,23 @@ class Provenance(BaseModel):
     peak_memory_mb: float
 
 
-def provenance_since(
-    start_s: float,
-    *,
-    images: int,
-    images_asked: int | None = None,
-    workers: int = 1,
-    peak_memory_mb: float | None = None,
-) -> Provenance:
+def provenance_since(start_s: float, *, images_asked: int = 0, images: int = 0, workers: int = 1) -> Provenance:
     """The provenance of work that ends now.
 
     Args:
         start_s: when it began, by `time.perf_counter`, which never goes back.
+        images_asked: of which a method was asked.
         images: that were scored.
-        images_asked: of which the method was asked; None for all.
         workers: processes.
-        peak_memory_mb: of the largest process; None for this one.
     """
     seconds = round(perf_counter() - start_s, 3)
     return Provenance(
         started_utc=(datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds"),
         seconds=seconds,
         images=images,
-        images_asked=images if images_asked is None else images_asked,
+        images_asked=images_asked,
         workers=workers,
-        peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
+        peak_memory_mb=round(largest_resident_mb(), 1),
     )
 
 
