@@ -219,14 +219,16 @@ class ProcessExecutor(TaskExecutor):
         """Compute tasks from the left until none is left or a worker ends; return those that were at work then."""
         busy: dict[Future[Result], Task] = {}
         pool = self._pool = self._pool or _Pool(self.workers)
+        done = set[Future[Result]]()  # they stay in `busy` while `submit` may find that another worker has ended
         try:
             while waiting or busy:
-                while waiting and len(busy) < at_once:
+                while waiting and len(busy) - len(done) < at_once:
                     busy[pool.submit(function, waiting[0])] = waiting[0]
                     waiting.popleft()
-                future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
-                result = future.result()
-                yield busy.pop(future), result
+                for future in done:
+                    result = future.result()
+                    yield busy.pop(future), result
+                done = wait(busy, return_when=FIRST_COMPLETED).done
         except BrokenExecutor:
             ended = [future for future in busy if future.done() and future.exception() is None]
             results = [(busy.pop(future), future.result()) for future in ended]

@@ -35,7 +35,7 @@ from bench.harness.answers import (
     write_answers,
 )
 from bench.harness.counts import COUNTS, count_answers, counts_mark, open_tables, write_counts
-from bench.harness.digests import RecordingDigests, digest_recording
+from bench.harness.digests import digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import (
@@ -102,14 +102,14 @@ class Task:
         camera: name.
         start: index of the first image to score.
         stop: index after the last.
-        digests: of the recording.
+        digest: of the recording's content.
     """
 
     handle: RecordingHandle
     camera: str
     start: int
     stop: int
-    digests: RecordingDigests
+    digest: str
 
     def __str__(self) -> str:
         return f"recording {self.handle.name!r}, camera {self.camera!r}, images {self.start} to {self.stop - 1}"
@@ -478,28 +478,26 @@ def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecordin
     """Open a recording, take its digest and list its tasks; what is wrong with it is returned, not raised."""
     try:
         recording = handle.open()
-        digests = digest_recording(recording)
+        digest = digest_recording(recording)
     except BenchError as error:
         return PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: {error}")
-    _keep(handle, digests, recording)
+    _keep(handle, digest, recording)
     return PlannedRecording(
         name=handle.name,
-        tasks=tuple(cut_tasks(handle, recording, digests, method)),
-        digest=digests.whole,
+        tasks=tuple(cut_tasks(handle, recording, digest, method)),
+        digest=digest,
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m),
         reviewed=all(track.reviewed for track in recording.tracks),
     )
 
 
-def cut_tasks(
-    handle: RecordingHandle, recording: Recording, digests: RecordingDigests, method: Scorable
-) -> Iterator[Task]:
+def cut_tasks(handle: RecordingHandle, recording: Recording, digest: str, method: Scorable) -> Iterator[Task]:
     """Cut a recording into tasks; a camera's first images, without history or not to be scored, belong to none."""
     for camera in sorted(recording.cameras):
         images = recording.images[camera]
         for start in range(max(method.history, first_scored(images)), len(images), TASK_IMAGES):
             stop = min(start + TASK_IMAGES, len(images))
-            yield Task(handle=handle, camera=camera, start=start, stop=stop, digests=digests)
+            yield Task(handle=handle, camera=camera, start=start, stop=stop, digest=digest)
 
 
 def first_scored(images: Sequence[ImageRef]) -> int:
@@ -544,10 +542,10 @@ def _process(request: RunRequest, task: Task) -> None:
     }
     if not due:
         return
-    recording = _open(task.handle, task.digests)
+    recording = _open(task.handle, task.digest)
     images = recording.images[task.camera][task.start : task.stop]
     settings = [protocol.reference for protocol in due.values()]
-    found = find_references(recording, images, settings=settings, digest=task.digests.reference)
+    found = find_references(recording, images, settings=settings, digest=task.digest)
     for (results, protocol), references in zip(due.items(), found, strict=True):
         file = request.answers(results, task)
         if not file.is_file():
@@ -602,7 +600,7 @@ def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> str
     """
     file = request.answers(request.folder, task)
     try:
-        recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
+        recording, (first, *others) = _open(task.handle, task.digest), read_answers(file)
     except BenchError as error:
         return f"{task}: {error}"
     with memoise_flow(request.flow_cache):
@@ -638,14 +636,14 @@ def _refuse_other_code(request: RunRequest, manifest: AnswersManifest) -> None:
 _last: tuple[object, Recording] | None = None  # that was opened; tasks of a recording mostly follow each other
 
 
-def _open(handle: RecordingHandle, digests: RecordingDigests) -> Recording:
+def _open(handle: RecordingHandle, digest: str) -> Recording:
     last = _last
-    if last is not None and last[0] == (handle.name, digests, handle.input_errors):
+    if last is not None and last[0] == (handle.name, digest, handle.input_errors):
         return last[1]
-    return _keep(handle, digests, handle.open())
+    return _keep(handle, digest, handle.open())
 
 
-def _keep(handle: RecordingHandle, digests: RecordingDigests, recording: Recording) -> Recording:
+def _keep(handle: RecordingHandle, digest: str, recording: Recording) -> Recording:
     global _last
-    _last = (handle.name, digests, handle.input_errors), recording
+    _last = (handle.name, digest, handle.input_errors), recording
     return recording
