@@ -85,8 +85,8 @@ def audit_reference(
     card, executor = options.as_card(dataset), options.as_executor(workers)
     built = build_method(method, settings) if isinstance(method, str) else method
     rules, folder = load_protocol(protocol), audit_folder(card, out)
-    make_folder(folder)
     options.rendered_card(card, split, executor=executor)
+    make_folder(folder)
     with console.interruptible(LEFT), console.progress_bar(f"auditing {card.name}", "recordings", progress) as report:
         found, _ = run_audit(
             card,

@@ -103,7 +103,6 @@ def sweep(
         fisheye-bench sweep demo --set threshold=3e-4,6e-4,1e-3
         fisheye-bench sweep demo --input-error pitch_deg=0,0.5,1
     """
-    from bench.atomic import make_folder
     from bench.harness.references import cache_folder
     from bench.harness.run import run_benchmark
     from bench.reporting.run_tables import METHOD_ONLY, sweep_report, write_report_files
@@ -123,7 +122,6 @@ def sweep(
     usual = SWEEPS / f"{default_folder(card, name, fixed.items(), split).name}-{setting}"
     folder = usual if out is None else Path(out)
     runs = dict[str, Run]()
-    make_folder(folder)
     with options.as_executor(workers) as executor:  # of all values, so that workers start once
         options.rendered_card(card, split, executor=executor)
         title = f"scoring {counted(len(requests), 'value')} of {setting}"
