@@ -3,7 +3,7 @@ PYTHON ?= python3
 DATASET ?= datasets/demo.yaml
 METHOD ?= spherical
 METHODS ?=
-VARIANTS := spherical:flow=dis spherical:first_guess=true truth truth:cell_size_px=5
+VARIANTS := spherical:flow=dis spherical:first_guess=true truth
 DATASETS ?= demo paper $(if $(FISHEYE_BENCH_REAL),aimotive-sample kitti-sfnd)
 PROTOCOL ?= surface-v1,paper-v1
 RUN ?= reports/runs/$(basename $(notdir $(DATASET)))-$(METHOD)

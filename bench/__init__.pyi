@@ -28,7 +28,6 @@ from bench.commands.verify import verify as verify
 from bench.commands.view import View as View
 from bench.commands.view import view as view
 from bench.evaluation.arrays import Score as Score
-from bench.evaluation.arrays import interval as interval
 from bench.evaluation.arrays import score as score
 from bench.gate.verdict import Verdict as Verdict
 from bench.harness.datasets import Dataset as Dataset

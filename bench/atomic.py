@@ -6,12 +6,12 @@ All that commands write goes through here; what cannot be written is reported in
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
 import re
 import shutil
 import stat
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import BufferedReader
@@ -143,7 +143,7 @@ def open_regular(path: Path) -> BufferedReader:
     Raises:
         OSError: it cannot be opened, or is no regular file.
     """
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     kind = os.fstat(handle).st_mode
     if not stat.S_ISREG(kind):
         os.close(handle)
@@ -175,23 +175,6 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError.of(error, folder) from error
-
-
-@contextmanager
-def output_folder(folder: Path) -> Iterator[Path]:
-    """A folder for results, made where it is not there; what is still empty after the block is removed again.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    made = [place for place in (folder, *folder.parents) if not place.exists()]
-    make_folder(folder)
-    try:
-        yield folder
-    finally:
-        with suppress(OSError):  # something is in it
-            for place in made:
-                place.rmdir()
 
 
 @contextmanager
@@ -228,13 +211,9 @@ def refuse_filled(out: Path) -> None:
         raise DataError(out, expected="a new or an empty folder", got=got, hint=hint)
 
 
-if sys.platform != "win32":
-    import fcntl
-
-
 @contextmanager
 def folder_lock(folder: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
-    """Lock a folder that exists; no lock on Windows.
+    """Lock a folder that exists.
 
     Args:
         folder: to be locked.
@@ -244,9 +223,6 @@ def folder_lock(folder: Path, *, shared: bool = False, wait: bool = True) -> Ite
     Raises:
         DataError: another process holds the lock, and `wait` is False.
     """
-    if sys.platform == "win32":
-        yield
-        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX

@@ -9,7 +9,8 @@ from __future__ import annotations
 import ctypes
 import logging
 import os
-import platform
+import re
+import resource
 import signal
 import sys
 from abc import ABC, abstractmethod
@@ -85,17 +86,12 @@ def single_threaded() -> Iterator[None]:
 
 
 def largest_resident_mb() -> float:
-    """Largest resident size of this process so far, MB; NaN where the system does not tell."""
-    status = Path("/proc/self/status")
-    if status.exists():  # Linux, whose `ru_maxrss` is at least the size of the process that started this one
-        told = dict(line.split(":", 1) for line in status.read_text().splitlines())
-        return float(told["VmHWM"].split()[0]) / 1e3
-    try:
-        import resource
-    except ImportError:  # Windows
-        return float("nan")
-    size = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return size / (1e6 if platform.system() == "Darwin" else 1e3)
+    """Largest resident size so far, MB: of this process and its workers on Linux, of this process alone elsewhere."""
+    files = [Path(f"/proc/{pid}/status") for pid in (os.getpid(), *(child.pid for child in active_children()))]
+    known = "".join(file.read_text() for file in files if file.exists())
+    if sizes_kb := [int(size) for size in re.findall(r"VmHWM:\s+(\d+)", known)]:
+        return max(sizes_kb) / 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # macOS: bytes
 
 
 def usable_cores() -> int:
@@ -170,19 +166,6 @@ def compute_all(
     return [results[id(task)] for task in tasks]
 
 
-def part_of(progress: Progress | None, *, number: int, total: int) -> Progress | None:
-    """Takes the progress of one of several parts that follow each other, and tells that of the whole in parts.
-
-    Args:
-        progress: callback of the whole; None for none.
-        number: parts that are done.
-        total: parts in all.
-    """
-    if progress is None:
-        return None
-    return lambda done, of: progress(number + done / max(of, 1), total)
-
-
 @dataclass(frozen=True)
 class SerialExecutor(TaskExecutor):
     """Computes tasks in this process, one after the other, every library in one thread."""
@@ -236,24 +219,19 @@ class ProcessExecutor(TaskExecutor):
         """Compute tasks from the left until none is left or a worker ends; return those that were at work then."""
         busy: dict[Future[Result], Task] = {}
         pool = self._pool = self._pool or _Pool(self.workers)
-
-        def begin() -> None:
-            while waiting and len(busy) < at_once:
-                busy[pool.submit(function, waiting[0])] = waiting[0]
-                waiting.popleft()
-
-        results = list[tuple[Task, Result]]()  # kept here while `begin` may find that another worker has ended
+        done = set[Future[Result]]()  # they stay in `busy` while `submit` may find that another worker has ended
         try:
-            begin()
-            while busy:
-                future = next(iter(wait(busy, return_when=FIRST_COMPLETED).done))
-                result = future.result()
-                results.append((busy.pop(future), result))
-                begin()
-                yield results.pop()
+            while waiting or busy:
+                while waiting and len(busy) - len(done) < at_once:
+                    busy[pool.submit(function, waiting[0])] = waiting[0]
+                    waiting.popleft()
+                for future in done:
+                    result = future.result()
+                    yield busy.pop(future), result
+                done = wait(busy, return_when=FIRST_COMPLETED).done
         except BrokenExecutor:
             ended = [future for future in busy if future.done() and future.exception() is None]
-            results += [(busy.pop(future), future.result()) for future in ended]
+            results = [(busy.pop(future), future.result()) for future in ended]
             self._end()
             yield from results
             return list(busy.values())

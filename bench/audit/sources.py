@@ -186,7 +186,7 @@ def _done(source: AuditSource, *, work: Callable[[OpenedSource], Found]) -> _Aud
                 got="a recording without",
                 hint="audit a rendered data set, for example demo",
             )
-        digest = digest_recording(recording).whole
+        digest = digest_recording(recording)
         instance_of = {track.track_id: track.instance_id or -1 for track in recording.tracks}
         opened = OpenedSource(source=source, recording=recording, instance_of=instance_of)
         return work(opened), digest, opened.images, opened.problems

@@ -72,7 +72,7 @@ def audit_reference(
     Examples:
         fisheye-bench audit demo
     """
-    from bench.atomic import output_folder
+    from bench.atomic import make_folder
     from bench.audit.run import AUDIT, run_audit
     from bench.evaluation.protocol import load_protocol
     from bench.methods import build_method
@@ -85,22 +85,19 @@ def audit_reference(
     card, executor = options.as_card(dataset), options.as_executor(workers)
     built = build_method(method, settings) if isinstance(method, str) else method
     rules, folder = load_protocol(protocol), audit_folder(card, out)
-    with output_folder(folder):
-        options.rendered_card(card, split, executor=executor)
-        with (
-            console.interruptible(LEFT),
-            console.progress_bar(f"auditing {card.name}", "recordings", progress) as report,
-        ):
-            found, _ = run_audit(
-                card,
-                method=built,
-                protocol=rules,
-                out=folder,
-                split=split,
-                recordings=recordings,
-                executor=executor,
-                progress=report,
-            )
+    options.rendered_card(card, split, executor=executor)
+    make_folder(folder)
+    with console.interruptible(LEFT), console.progress_bar(f"auditing {card.name}", "recordings", progress) as report:
+        found, _ = run_audit(
+            card,
+            method=built,
+            protocol=rules,
+            out=folder,
+            split=split,
+            recordings=recordings,
+            executor=executor,
+            progress=report,
+        )
     return Audit(folder=folder, summary=found, files=(folder / AUDIT, write_tables(folder, found)))
 
 

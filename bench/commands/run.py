@@ -336,11 +336,10 @@ def show(scored: Run) -> int:
     part = scored.part
     if part is None:
         return print_runs(scored)
-    done = sum(not outcome.failure for outcome in part.tasks.values())
-    of_part = f"{done} of {counted(len(part.tasks), 'task')} of this part done in {scored.folder}"
+    of_part = f"{part.done} of {counted(part.tasks, 'task')} of this part done in {scored.folder}"
     console.say(f"{of_part}, of {part.tasks_of_run} in all")
     console.say("next, when all parts are done: the same command without --shard")
-    for line in cost_lines(part.provenance(images=0)):
+    for line in cost_lines(part.provenance):
         console.note(line)
     console.print_failures(part.failures, all_in="the summary.json of the finished run")
     return console.FAILURES if part.failures else 0

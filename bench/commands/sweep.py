@@ -103,8 +103,6 @@ def sweep(
         fisheye-bench sweep demo --set threshold=3e-4,6e-4,1e-3
         fisheye-bench sweep demo --input-error pitch_deg=0,0.5,1
     """
-    from bench.atomic import output_folder
-    from bench.execution import part_of
     from bench.harness.references import cache_folder
     from bench.harness.run import run_benchmark
     from bench.reporting.run_tables import METHOD_ONLY, sweep_report, write_report_files
@@ -124,14 +122,17 @@ def sweep(
     usual = SWEEPS / f"{default_folder(card, name, fixed.items(), split).name}-{setting}"
     folder = usual if out is None else Path(out)
     runs = dict[str, Run]()
-    with output_folder(folder), options.as_executor(workers) as executor:  # of all values, so that workers start once
+    with options.as_executor(workers) as executor:  # of all values, so that workers start once
         options.rendered_card(card, split, executor=executor)
         title = f"scoring {counted(len(requests), 'value')} of {setting}"
         with console.resumable(folder), console.progress_bar(title, "values", progress) as report:
             for number, (value, request) in enumerate(requests.items()):
                 asked = replace(request, folder=folder / _folder_name(value), flow_cache=cache_folder() / "flow")
-                part = part_of(report, number=number, total=len(requests))
-                (stored,) = run_benchmark(asked, executor=executor, progress=part)
+
+                def share(done: float, of: int, before: int = number) -> None:
+                    report(before + done / max(of, 1), len(requests))
+
+                (stored,) = run_benchmark(asked, executor=executor, progress=share)
                 write_report_files(stored)
                 runs[value] = Run(folder=stored.folder)
     told = sweep_report(

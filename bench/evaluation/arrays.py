@@ -1,8 +1,8 @@
-"""Score a mask against a reference, both arrays: no recording, no lidar, no files; intervals of own breakdowns."""
+"""Score a mask against a reference, both arrays: no recording, no lidar, no files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -22,7 +22,6 @@ from bench.evaluation.definitions import (
     intersection_over_union,
     object_metrics,
 )
-from bench.evaluation.intervals import ratio_interval
 from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.rows import EVALUATED, to_frame
 from bench.evaluation.scorer import SequenceScorer
@@ -146,31 +145,6 @@ def score(
     scorer.add(frame, Segmentation(cell_size_px=1, mask=moving))
     objects, frames = scorer.finish()
     return Score(_objects=objects, _frames=frames)
-
-
-def interval(values: Sequence[float] | pd.Series, recordings: Sequence[str] | pd.Series) -> tuple[float, float] | None:
-    """95 % interval of the mean of values, by recording as in docs/metrics.md: for a breakdown of one's own.
-
-    Args:
-        values: (N,) shares in [0, 1], such as the coverage or IoU of object-frames; NaN and masked ones are left out.
-        recordings: N names of the recordings that they are of.
-
-    Returns:
-        Lower and upper end; None where fewer than six recordings have values.
-
-    Raises:
-        UsageError: not one name for each value, or values outside of [0, 1].
-    """
-    if np.shape(values) != np.shape(recordings):
-        raise UsageError(f"interval: expected a recording for each value, got {len(recordings)} for {len(values)}")
-    shares = np.ma.filled(np.ma.asarray(values, np.float64), np.nan)  # what a masked array hides is left out
-    rows = pd.DataFrame({"share": shares, "recording": np.asarray(recordings)}).dropna(subset="share")
-    if rows["recording"].isna().any():
-        raise UsageError("interval: expected the name of a recording for each value, got None or NaN")
-    if not rows["share"].between(0, 1).all():
-        raise UsageError("interval: expected values in [0, 1], got others; divide counts by what they are of")
-    sums = rows.groupby("recording", sort=False)["share"].agg(["sum", "size"])
-    return ratio_interval(sums["sum"].to_numpy(), sums["size"].to_numpy(np.float64))
 
 
 @cache

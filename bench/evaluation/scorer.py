@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from bench.evaluation.counts import (
     ChanceScorer,
     ObjectCounts,
-    Regions,
     count_by_cell,
     count_frame,
     count_likelihood,
@@ -69,18 +68,19 @@ class SequenceScorer:
         self._chance.add(reference, detected)
         row = _image_columns(reference) | asdict(frame)
         row |= {"status": EVALUATED if reference.annotated else NOT_ANNOTATED}
-        row |= {"fp_by_cause": sorted(_false_px_by_cause(regions, segmentation).items())}
-        row |= {"undefined_px": _undefined_px(reference.valid, segmentation)}
+        cell_size_px, causes = segmentation.cell_size_px, segmentation.causes
+        row |= {"fp_by_cause": [], "undefined_px": 0}
+        if segmentation.cause is not None:
+            px = sum_by_kind(regions.false, segmentation.cause, cell_size_px=cell_size_px, bins=len(causes))
+            row["fp_by_cause"] = sorted(dict(zip(causes, px.tolist(), strict=True)).items())
+        if segmentation.undefined is not None:
+            row["undefined_px"] = int(count_by_cell(reference.valid, cell_size_px)[segmentation.undefined].sum())
         self._frames.append(row)
         if not reference.annotated:
             return
         if segmentation.likelihood is not None:
-            row |= count_likelihood(
-                segmentation.likelihood,
-                regions,
-                cell_size_px=segmentation.cell_size_px,
-                is_score=segmentation.likelihood_is_score,
-            )
+            is_score = segmentation.likelihood_is_score
+            row |= count_likelihood(segmentation.likelihood, regions, cell_size_px=cell_size_px, is_score=is_score)
         ceiling = None if exact is None else count_frame(reference, exact, component_size_px=self._large_px)[1]
         self._objects.extend(_object_rows(reference, objects, ceiling))
 
@@ -122,19 +122,3 @@ def _object_rows(
 
 def _image_columns(reference: ReferenceFrame) -> Row:
     return {name: getattr(reference, name) for name in (*IMAGE, "ego_speed_mps")}
-
-
-def _false_px_by_cause(regions: Regions, segmentation: Segmentation) -> dict[str, int]:
-    """False positives by the cause that the method names; empty for a method that names none."""
-    if segmentation.cause is None:
-        return {}
-    causes, cell_size_px = segmentation.causes, segmentation.cell_size_px
-    px = sum_by_kind(regions.false, segmentation.cause, cell_size_px=cell_size_px, bins=len(causes))
-    return dict(zip(causes, px.tolist(), strict=True))
-
-
-def _undefined_px(valid: NDArray[np.bool_], segmentation: Segmentation) -> int:
-    """Pixels of V where the method could not say."""
-    if segmentation.undefined is None:
-        return 0
-    return int(count_by_cell(valid, segmentation.cell_size_px)[segmentation.undefined].sum())

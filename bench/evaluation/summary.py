@@ -253,7 +253,9 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
             **metrics(breakdown, name, of_objects),
         )
 
-    breakdowns = object_breakdowns(protocol, _cameras(counts)).items()
+    # Also the cameras without a scored image.
+    cameras = sorted(name for breakdown, name, metric in counts if (breakdown, metric) == ("camera", "images"))
+    breakdowns = object_breakdowns(protocol, cameras).items()
     rows = {breakdown: {name: row(breakdown, name) for name in names} for breakdown, (names, _) in breakdowns}
     images = ratios.get((FRAMES, FRAMES, EVERY_ROW[IMAGE_FRAMES]), NO_CASES)
     of_images = metrics(FRAMES, FRAMES, FALSE_POSITIVES)
@@ -269,11 +271,6 @@ def summary_of(sums: pd.DataFrame, *, protocol: Protocol) -> Summary:
         images=_frame_ledger(counts),
         marked=ratios.get((FRAMES, FRAMES, MARKED.name), NO_CASES),
     )
-
-
-def _cameras(counts: Mapping[Key, int]) -> list[str]:
-    """The cameras of a run, also those without a scored image."""
-    return sorted(name for breakdown, name, metric in counts if (breakdown, metric) == ("camera", "images"))
 
 
 def _object_ledger(counts: Mapping[Key, int]) -> ObjectLedger:

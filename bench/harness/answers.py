@@ -100,7 +100,8 @@ def answer_row(image: Mapping[str, object], segmentation: Segmentation, *, secon
     """
     said, bins = segmentation, None
     if said.likelihood is not None:
-        bins = find_bins(said.likelihood, _edges(is_score=said.likelihood_is_score)).astype(np.uint8).tobytes()
+        edges = SCORE_EDGES if said.likelihood_is_score else EDGES
+        bins = find_bins(said.likelihood, edges).astype(np.uint8).tobytes()
     return {
         **image,
         "status": ANSWERED,
@@ -232,12 +233,7 @@ def _plane(content: bytes | None, shape: tuple[int, int]) -> NDArray[np.uint8] |
     return None if content is None else np.frombuffer(content, dtype=np.uint8).reshape(shape)
 
 
-def _edges(*, is_score: bool) -> NDArray[np.float64]:
-    return SCORE_EDGES if is_score else EDGES
-
-
 def _middles(*, is_score: bool) -> NDArray[np.float32]:
     """A value within each bin: 0 for the first, else the middle by ratio."""
-    edges = _edges(is_score=is_score)
-    last = 1.0 if is_score else 2 * edges[-2]
+    edges, last = (SCORE_EDGES, 1.0) if is_score else (EDGES, 2 * EDGES[-2])
     return np.concatenate([[0.0], np.sqrt(edges[1:-2] * edges[2:-1]), [last]]).astype(np.float32)

@@ -62,13 +62,7 @@ def count_answers(
                 continue
             except BenchError as error:
                 status, problem = FAILED, message_without_root(error, recording)
-        scorer.leave_out(
-            recording=recording.name,
-            camera=image.camera,
-            timestamp_ns=image.timestamp_ns,
-            status=status,
-            problem=problem,
-        )
+        scorer.leave_out(**{name: answer[name] for name in IMAGE}, status=status, problem=problem)
     return scorer.finish()
 
 
@@ -120,9 +114,6 @@ class StoredRows:
         if not self._files:
             raise DataError(folder, expected=f"counts of a run (<recording>/*{suffix})", got="none", hint="run again")
         self._rows = {name: sum(self._length(file) for file in files) for name, files in self._files.items()}
-
-    def __len__(self) -> int:
-        return sum(self._rows.values())
 
     def recordings(self) -> dict[str, int]:
         """Rows of each recording, by name."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
-from shapely.geometry.base import BaseGeometry
 
 import bench
 from bench.atomic import open_regular
@@ -56,8 +55,8 @@ def digest_of(*values: object) -> str:
     their name.
 
     Args:
-        values: numbers, text, bytes, paths, None, enumerations, arrays, rotations, geometries, data classes, pydantic
-            models, functions, partial functions, and sequences, sets and mappings of them.
+        values: numbers, text, bytes, paths, None, enumerations, arrays, rotations, data classes, pydantic models,
+            functions, partial functions, and lists, tuples and mappings of them.
 
     Raises:
         TypeError: anything else, since nothing may pass unseen.
@@ -73,7 +72,7 @@ def _parts(value: Any) -> Iterator[bytes]:
     """The value as bytes that no other value has."""
     yield type(value).__name__.encode()
     match value:
-        case None | bool() | int() | float() | complex() | np.generic():
+        case None | bool() | int() | float() | np.generic():
             yield repr(value).encode()
         case Enum():
             yield f"{type(value).__qualname__}.{value.name}".encode()
@@ -88,8 +87,6 @@ def _parts(value: Any) -> Iterator[bytes]:
             yield np.ascontiguousarray(value).tobytes()
         case Rotation():
             yield from _parts(value.as_quat())
-        case BaseGeometry():
-            yield value.wkb
         case FunctionType() | BuiltinFunctionType() | type():
             yield f"{value.__module__}:{value.__qualname__}".encode()
         case partial():
@@ -99,8 +96,6 @@ def _parts(value: Any) -> Iterator[bytes]:
             yield from _parts({name: getattr(value, name) for name in names} | (value.model_extra or {}))
         case Mapping():
             yield from _parts(sorted((digest_of(key), digest_of(item)) for key, item in value.items()))
-        case Set():
-            yield from _parts(sorted(digest_of(item) for item in value))
         case tuple() | list():
             yield str(len(value)).encode()
             for item in value:
@@ -134,21 +129,11 @@ def columns_of(values: Sequence[Any]) -> Any:
     return tuple(values)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordingDigests:
-    """Digests of a recording's content; none of its name, nor of where it lies.
+def digest_recording(recording: Recording) -> str:
+    """Digest of a recording's content, every file of which is read once; none of its name, nor of where it lies.
 
-    Attributes:
-        reference: of what references are built of: calibration, ego-motion, annotations, sweeps, masks of what moves.
-        whole: of all of it, images and exact masks among it.
+    Calibration and annotations count as they were read.
     """
-
-    reference: str
-    whole: str
-
-
-def digest_recording(recording: Recording) -> RecordingDigests:
-    """Read every file of a recording once and take its digests; calibration and annotations count as they were read."""
     images = [image for name in sorted(recording.images) for image in recording.images[name]]
     reference = digest_of(
         digest_ego_motion(recording),
@@ -158,13 +143,12 @@ def digest_recording(recording: Recording) -> RecordingDigests:
         digest_sweeps(recording),
         [None if image.moving_path is None else digest_file(image.moving_path) for image in images],
     )
-    whole = digest_of(
+    return digest_of(
         reference,
         recording.frame_interval_ns,
         [(image.camera, image.timestamp_ns, image.scored, digest_file(image.path, image.stored)) for image in images],
         [None if image.truth_path is None else digest_file(image.truth_path) for image in images],
     )
-    return RecordingDigests(reference=reference, whole=whole)
 
 
 def digest_ego_motion(recording: Recording) -> str:

@@ -14,7 +14,6 @@ from typing import TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.cameras.model import ray_grid
 from bench.errors import DataError, UsageError
 from bench.methods import Method, Scorable, Segmentation, build_method, known_methods
 from bench.methods.contract import not_derived, refuse_unfit
@@ -41,24 +40,14 @@ class ReferenceItself(Scorable):
 
 @dataclass(frozen=True, kw_only=True)
 class ExactMasks(Scorable):
-    """The exact masks of all moving objects, in place of a method: the ceiling of a protocol.
-
-    Attributes:
-        cell_size_px: side of the cells of the answer, each of which is what its centre shows; 1 for every pixel.
-    """
+    """The exact masks of all moving objects, in place of a method: the ceiling of a protocol."""
 
     name = "truth"
     reads_images = False
 
-    cell_size_px: int = 1
-
-    def __post_init__(self) -> None:
-        if type(self.cell_size_px) is not int or not 1 <= self.cell_size_px <= 1000:
-            raise UsageError(f"truth: cell_size_px: expected a whole number from 1 to 1000, got {self.cell_size_px!r}")
-
     def settings(self) -> dict[str, object]:
-        """Those of the constructor, and the mark by which a table tells it from methods."""
-        return {**super().settings(), "sees_the_truth": True}
+        """The mark by which a table tells it from methods."""
+        return {"sees_the_truth": True}
 
     def answer(self, recording: Recording, image: ImageRef, reference: ReferenceFrame) -> Segmentation:
         """The pixels of every annotated object that moves, evaluated or not."""
@@ -70,9 +59,7 @@ class ExactMasks(Scorable):
                 got="a recording without",
                 hint="only simulated data have them: score a method, or --method reference",
             )
-        if self.cell_size_px > 1:
-            mask = ray_grid(recording.cameras[image.camera].model, self.cell_size_px).at_centres(mask)
-        return Segmentation(cell_size_px=self.cell_size_px, mask=mask)
+        return Segmentation(cell_size_px=1, mask=mask)
 
 
 Oracle = ReferenceItself | ExactMasks

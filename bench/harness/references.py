@@ -52,7 +52,7 @@ def find_references(
         recording: the drive.
         images: of one camera, at least one.
         settings: of each protocol.
-        digest: `RecordingDigests.reference` of the recording.
+        digest: of the recording's content.
 
     Returns:
         For each of `settings`, the reference of each image, which `reference_of` unpacks.

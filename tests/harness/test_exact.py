@@ -45,12 +45,11 @@ def test_it_is_no_method(monkeypatch, tiny_card, capsys):
     assert build_scorable("nothing").settings() == build_method("nothing").settings()
 
 
-def truth_frame(tiny_card, index=2, **settings):
+def truth_frame(tiny_card, index=2):
     """An image of a simulated drive with the answer of its exact masks, and the true instance ids."""
     handle = next(h for h in open_dataset(load_card(str(tiny_card))) if h.name == "crossing")
     recording = handle.open()
-    method = build_scorable("truth", settings)
-    pipeline = FramePipeline(recording, "front", method=method, protocol=PAPER)
+    pipeline = FramePipeline(recording, "front", method=build_scorable("truth"), protocol=PAPER)
     frame = pipeline.process(index)
     return frame, read_truth(frame.image, recording.cameras["front"]), moving_instances(recording, frame.reference)
 
@@ -59,8 +58,6 @@ def test_the_exact_masks_are_the_pixels_of_what_moves(tiny_card):
     frame, ids, moving = truth_frame(tiny_card)
     assert moving
     assert np.array_equal(frame.segmentation.mask, np.isin(ids, moving))
-    cells, _, _ = truth_frame(tiny_card, cell_size_px=5)
-    assert np.array_equal(cells.segmentation.mask, np.isin(ids, moving)[2::5, 2::5]), "what their centres show"
 
 
 def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_path):
@@ -72,12 +69,6 @@ def test_exact_masks_are_scored_and_marked_and_follow_their_files(own_card, tmp_
     again = score(own_card, tmp_path / "run", method="truth", overwrite=True)
     assert again.provenance.images_asked == 4
     assert again.all_moving.metric("tpr_all").value < summary.all_moving.metric("tpr_all").value
-
-
-@pytest.mark.parametrize("size_px", [0, 1.5])
-def test_wrong_parameters_of_the_exact_masks(size_px):
-    with pytest.raises(UsageError, match="cell_size_px"):
-        build_scorable("truth", {"cell_size_px": size_px})
 
 
 def test_data_without_exact_masks_have_no_ceiling(own_card, tmp_path, monkeypatch, capsys):

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from bench.errors import DataError
-from bench.execution import ProcessExecutor
 from bench.harness.manifest import Manifest, read_manifest
 from bench.harness.stored import read_run, read_tables
 from tests.support.runs import PAPER, score
@@ -104,11 +103,7 @@ def test_when_nothing_can_be_used_the_run_says_why(own_card, tmp_path):
 
 def test_progress_rises_to_the_number_of_images(tiny_card, tmp_path):
     seen = []
-    options = {"method": "nothing", "progress": lambda *numbers: seen.append(numbers)}
-    score(tiny_card, tmp_path / "alone", **options)
-    assert list(dict.fromkeys(seen)) == [(0, 0), *((done, 12) for done in range(1, 13))], "after each image"
-    seen.clear()
-    score(tiny_card, tmp_path / "two", **options, executor=ProcessExecutor(workers=2))
+    score(tiny_card, tmp_path / "run", method="nothing", progress=lambda *numbers: seen.append(numbers))
     assert seen == [(0, 0), (4, 12), (8, 12), (12, 12)], "before the recordings are open, and after each task"
 
 
