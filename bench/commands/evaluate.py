@@ -64,7 +64,7 @@ def evaluate(
     from bench.reporting.findings import prediction_line, prediction_table
 
     if not Path(predictions).is_dir():
-        raise UsageError(f"--predictions: expected a folder of masks or scores, got {predictions}, which is none")
+        raise UsageError(f"--predictions: expected a folder of masks or scores, got {predictions}, which is no folder")
     card, called = options.as_card(dataset), name or f"predictions-{Path(predictions).resolve().name}"
     if called in known_methods():
         raise UsageError(f"--name: expected another name than those of methods, got {called!r}")

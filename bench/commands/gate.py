@@ -123,7 +123,7 @@ def _print_verdict(verdict: Verdict) -> None:
     """Print what is read first, how to compare the two runs, then the other rows."""
     from bench.gate.baseline import how_to_compare
     from bench.gate.verdict import Outcome
-    from bench.reporting.verdict import first_blocks, other_blocks
+    from bench.reporting.verdict import accept_blocks, first_blocks, other_blocks
 
     assert verdict.baseline is not None
     assert verdict.run is not None
@@ -133,7 +133,7 @@ def _print_verdict(verdict: Verdict) -> None:
     if not verdict.stored and (not verdict.passed or verdict.rows_with(Outcome.SUSPECT)):
         for line in how_to_compare(verdict.baseline, verdict.run, folder=verdict.run_folder):
             say(line)
-    print_blocks(other_blocks(verdict))
+    print_blocks([*other_blocks(verdict), *accept_blocks(verdict)])
     note("--json FILE has all rows")
 
 

@@ -28,7 +28,6 @@ METHODS = {
     "three-view-only": "bench.methods.spherical.tracks:ThreeViewOnly",
     "rigid-scene": "bench.methods.rigid_scene.method:RigidSceneMethod",
     "learned": "bench.methods.learned.method:LearnedMethod",
-    "followed": "bench.methods.followed:FollowedMethod",
     "flow-magnitude": "bench.methods.baselines:FlowMagnitude",
     "rotation-compensated-flow": "bench.methods.baselines:RotationCompensatedFlow",
     "frame-difference": "bench.methods.baselines:FrameDifference",

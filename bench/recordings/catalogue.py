@@ -223,7 +223,7 @@ def chosen_recordings(card: DatasetCard, split: str | None, known: Sequence[str]
         recordings = tuple(name.split(","))
         if not set(known) >= set(recordings) or len(set(recordings)) < len(recordings):
             nearest = get_close_matches(name, known, n=SHOWN, cutoff=0.0)
-            hint = "recordings are named each once, with commas in between"
+            hint = "separate recordings by commas, each once"
             raise UnknownNameError("split or recording", name, [*card.content.splits, *nearest], hint=hint)
         return recordings, limit
     chosen = card.content.splits[name]

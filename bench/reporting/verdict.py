@@ -25,6 +25,7 @@ from bench.evaluation.definitions import find_metric, headlines
 from bench.evaluation.sums import ALL_MOVING, FRAMES
 from bench.gate.verdict import Outcome, Row, Verdict
 from bench.plain_text import counted, plain
+from bench.recordings.cards import shipped_folder
 from bench.reporting import document
 from bench.reporting.document import Block, Cell, Code, Group, Heading, Paragraph, Style, Table
 
@@ -301,11 +302,7 @@ def to_markdown(verdict: Verdict) -> str:
     blocks: list[Block] = [Heading(verdict.headline)]
     blocks += [Paragraph(f"no verdict: {verdict.why_none}", "bad")] if verdict.why_none else []
     blocks += [*first_blocks(verdict, with_notes=True), *other_blocks(verdict, with_notes=True)]
-    if verdict.judged and not verdict.passed:
-        folders = _as_typed(verdict.run_folder, "RUN"), _as_typed(verdict.baseline_folder, "BASELINE")
-        update = shlex.join(["fisheye-bench", "gate", folders[0], "--baseline", folders[1], "--update"])
-        accept = "If the change is wanted, make this run the baseline, and commit it:"
-        blocks += [Paragraph(accept), Code(update)]
+    blocks += accept_blocks(verdict)
     shown = [*overall_rows(verdict), *main_rows(verdict)]
     others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
     if others:
@@ -315,6 +312,17 @@ def to_markdown(verdict: Verdict) -> str:
         title = f"{counted(len(others), 'other row')}, those of breakdowns among them"
         blocks.append(Group(look="folded", title=title, blocks=[table]))
     return document.to_markdown(blocks)
+
+
+def accept_blocks(verdict: Verdict) -> list[Block]:
+    """How to accept what failed, as a baseline of one's own where the shipped one judged."""
+    if verdict.passed or not verdict.judged:
+        return []
+    words = ["fisheye-bench", "gate", _as_typed(verdict.run_folder, "RUN")]
+    if not verdict.baseline_folder.is_relative_to(shipped_folder("baselines")):
+        words += ["--baseline", _as_typed(verdict.baseline_folder, "BASELINE")]
+    accept = "If the change is wanted, make this run the baseline, and commit it:"
+    return [Paragraph(accept), Code(shlex.join([*words, "--update"]))]
 
 
 def _as_typed(folder: Path, otherwise: str) -> str:

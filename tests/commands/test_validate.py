@@ -57,7 +57,7 @@ def test_faults_exit_with_1_and_stand_in_text_and_json(folder):
         "undecided": [
             {
                 "about": "clock of lidar sweeps against ego-motion",
-                "why": "it hardly brakes, speeds up or turns in and out, or too few pairs of sweeps match: 15",
+                "why": "it has too little braking, acceleration or turning, or too few pairs of sweeps match (15)",
             },
             {
                 "about": "calibration and clock of camera front",

@@ -136,9 +136,6 @@ NOT_DERIVED = r"derived from bench\.methods\.Method, got {0}.*class {0}\(Method\
          "expected 'none' or 'given' for scale, got 'wheel'"),
         ("rigid-scene", {"objects": {"floating": 1.5}}, UsageError, "floating"),
         ("learned", {"threshold": 1}, UsageError, "expected less than 1 for threshold, got 1"),
-        ("followed", {"images": 0}, UsageError, "expected greater than or equal to 1 for images, got 0"),
-        ("followed", {"method": "no-method"}, UnknownNameError, "no-method"),
-        ("followed", {"method": "followed"}, UsageError, "not followed itself"),
         *(
             (name, {setting: value}, UsageError, f"{name}: expected")
             for name, setting, bad in (

@@ -167,10 +167,11 @@ class BoxFit:
         for tally in self._tallies:
             yield from _index_findings(tally, sweeps_ns)
         of_all = self._of_all()
-        if of_all is not None:
+        tight = list(tight_boxes(np.array([tally.held for tally in self._tallies]).reshape(-1, len(MARGINS_M))))
+        if of_all is not None and not (tight and of_all.field == "sizes"):  # centimetres that hold as much come first
             yield of_all
             return
-        yield from tight_boxes(np.array([tally.held for tally in self._tallies]).reshape(-1, len(MARGINS_M)))
+        yield from tight
         for tally in self._tallies:
             finding = self._of_one(tally)
             if finding is not None:

@@ -112,7 +112,7 @@ def _unknown_clock(camera: MountedCamera, fit: Fit | None) -> Undecided | None:
     if sigma_s < KNOWN_S:
         return None
     known = "" if fit is None else f": known to {1e3 * INTERVAL * sigma_s:.0f} ms only"
-    why = f"the drive hardly brakes, speeds up or turns in and out{known}"
+    why = f"the drive has too little braking, acceleration or turning{known}"
     return Undecided(about=f"clock of the images of camera {camera.name}", why=why)
 
 

@@ -61,7 +61,7 @@ QUANTITIES = {
     "late_s": Quantity(
         usual=0.001, tolerated=0.004, small=0.3, known=0.005, unit="ms", scale=1e3,
         field="clock of lidar sweeps against ego-motion", kind="clock-offset",
-        why="it hardly brakes, speeds up or turns in and out"),
+        why="it has too little braking, acceleration or turning"),
     "speed": Quantity(
         stated=1.0, usual=0.01, tolerated=0.03, small=0.2, known=0.01, unit="%", scale=1e2,
         field="scale of the speed", kind="ego-motion-scale: speed",

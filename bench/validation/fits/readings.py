@@ -97,7 +97,7 @@ def box_readings(recording: Recording) -> Iterator[Reading[BoxChange]]:
     }
     swap = "swap them: the order is length, width, height"
     near = [
-        ("the sizes were half ones", "sizes", _sized(0, 1, 2, factor=2.0),
+        ("the sizes were half sizes", "sizes", _sized(0, 1, 2, factor=2.0),
          "double the sizes: length, width and height are full, from side to side"),
         ("the sizes were doubled", "sizes", _sized(0, 1, 2, factor=0.5),
          "halve the sizes: length, width and height count once, from side to side"),

@@ -385,7 +385,7 @@ class _Verdict:
         return odometry, f"the clock of one of them: {sweeps}, or {ego}"
 
     def _unknown(self, tried: Sequence[Hypothesis]) -> Iterator[Undecided]:
-        few = f"too few pairs of sweeps match: {len(self._steps.motion)}"
+        few = f"too few pairs of sweeps match ({len(self._steps.motion)})"
         for one in filter(self._near_stated, tried):
             about, (_, sigma) = one.quantity, one.value
             if sigma > about.known:
