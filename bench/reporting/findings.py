@@ -162,7 +162,7 @@ def scores_tables(scores: pd.DataFrame, minutes: float, worst: pd.DataFrame) -> 
         minutes: how long the sweeps took.
         worst: see `bench.annotation.worst_tracks`.
     """
-    found = f"Found: IoU of returns of at least 0.5; of {60 * minutes:.0f} s."
+    found = f"Found: half or more of the returns in either box are in both. Sweeps of {60 * minutes:.0f} s."
     more = len(worst) - MOST_SHOWN
     note = f"{more} more in evaluate-tracks.csv." if more > 0 else ""
     tracks = Table(title="The worst tracks", columns=WORST, rows=worst.head(MOST_SHOWN), words=3, note=note)

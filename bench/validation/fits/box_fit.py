@@ -349,7 +349,7 @@ def tight_boxes(held: Array) -> Iterator[Finding]:
         got = f"{shares[0]:.0%} of them inside, median of {count}; {shares[fitting]:.0%} with {margin_cm} cm more "
         got += "on each side"
         hint = f"make the boxes {2 * margin_cm} cm longer and wider and {margin_cm} cm higher, or score with "
-        hint += f"shape_margin_m: {MARGINS_M[fitting]:.2f} (surface-v1 has 0.05)"
+        hint += f"shape_margin_m: {MARGINS_M[fitting]:.2f} or more (surface-v1 has 0.05)"
         widest_cm = 100 * MARGINS_M[-1]
         yield new_finding("tight-boxes", got, field="cuboid, sizes", hint=hint, times=len(told), margin_cm=widest_cm)
 
