@@ -202,7 +202,9 @@ def test_shipped_rows_stand_beside_what_compares_with_them(judged, tmp_path):
     again = write_leaderboard(board, tmp_path / "again")
     groups = json.loads((tmp_path / "again" / "leaderboard.json").read_text())["groups"]
     assert {entry["method"] for group in groups for entry in group["entries"]} == {"mine"}, "it is of own runs"
-    assert "good, shipped" in again[0].read_text()
+    page = again[0].read_text()
+    assert "good, shipped" in page
+    assert "<small>or 1</small>" not in page, "nobody has compared it with the first"
     (tmp_path / "leaderboard.json").write_text('{"schema_version": 2}')
     alone = with_shipped(read_leaderboard(own), tmp_path / "leaderboard.json")
     assert not any(entry.shipped for group in alone.groups for entry in group.entries)

@@ -360,6 +360,7 @@ def test_a_fault_is_told_and_nothing_else(root, plant, told, text):
          "a time at which there is no sweep  1 times & row 1000000 of a sweep of"),
         (shrunk(0.16, only="leader"), {("tight-box", WARNING)}, r"leader.* 0 points in (\d+) of 16 sweeps .* \1 times"),
         (shrunk(2 * drive.MARGIN_M), {("tight-boxes", WARNING)}, "with 2 cm more on each side"),
+        (shrunk(2 * drive.MARGIN_M + 0.08), {("tight-boxes", WARNING)}, "with [67] cm more on each side"),
     ],
 )  # fmt: skip
 def test_a_fault_that_returns_could_see_is_told_and_nothing_else(root, plant, told, text):

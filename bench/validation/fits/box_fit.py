@@ -168,13 +168,13 @@ class BoxFit:
             yield from _index_findings(tally, sweeps_ns)
         of_all = self._of_all()
         tight = list(tight_boxes(np.array([tally.held for tally in self._tallies]).reshape(-1, len(MARGINS_M))))
-        if of_all is not None and not (tight and of_all.field == "sizes"):  # centimetres that hold as much come first
+        if of_all is not None and not (tight and "sizes" in str(of_all.field)):  # centimetres come before a factor
             yield of_all
             return
         yield from tight
         for tally in self._tallies:
             finding = self._of_one(tally)
-            if finding is not None:
+            if finding is not None and not (tight and finding.check in {"box-place", "tight-box"}):
                 yield finding
 
     def _of_all(self) -> Finding | None:
