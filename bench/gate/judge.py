@@ -236,7 +236,7 @@ def _judge_row(row: Mapping[Any, Any], tolerances: Tolerances) -> tuple[Outcome,
         reason = "worse than tolerated, but this row decides nothing"
     elif p_holm > SIGNIFICANCE:
         so_many = "worse than tolerated, but among so many metrics it may be chance"
-        reason = f"{so_many}: p = {p_holm:.2f}, corrected after Holm"
+        reason = f"{so_many}: p = {p_holm:.2f}, corrected for testing many metrics (Holm)"
     else:
         return Outcome.FAILED, ""
     strict = p_holm is not None and tolerances.suspect == "fail"
