@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import chdir, closing, contextmanager
+from contextlib import chdir, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import active_children, get_context
@@ -87,8 +87,10 @@ def single_threaded() -> Iterator[None]:
 
 def largest_resident_mb() -> float:
     """Largest resident size so far, MB: of this process and its workers on Linux, of this process alone elsewhere."""
-    files = [Path(f"/proc/{pid}/status") for pid in (os.getpid(), *(child.pid for child in active_children()))]
-    known = "".join(file.read_text() for file in files if file.exists())
+    known = ""
+    for pid in (os.getpid(), *(child.pid for child in active_children())):
+        with suppress(OSError):  # not on Linux, or it ends just now
+            known += Path(f"/proc/{pid}/status").read_text()
     if sizes_kb := [int(size) for size in re.findall(r"VmHWM:\s+(\d+)", known)]:
         return max(sizes_kb) / 1e3
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # macOS: bytes

@@ -122,21 +122,7 @@ class Dataset:
                 raise UnknownNameError("camera", camera, recording.cameras)
             for chosen in recording.cameras if camera is None else (camera,):
                 pipeline = FramePipeline(recording, chosen, method=looks, protocol=rules)
-                for index, image in [*enumerate(pipeline.images)][history:]:
-                    if not image.scored:
-                        continue
-                    try:
-                        given, reference = pipeline.method_input(index), pipeline.reference(index)
-                    except UnscorableFrame:
-                        continue
-                    yield Frame(
-                        recording=name,
-                        camera=chosen,
-                        timestamp_ns=image.timestamp_ns,
-                        input=given,
-                        reference=reference,
-                        exact=read_exact_mask(image, recording, reference) if exact else None,
-                    )
+                yield from _frames(pipeline, history, exact=exact)
 
 
 def open_dataset(dataset: str | Path, split: str | None = None, *, workers: int = 1) -> Dataset:
@@ -179,6 +165,25 @@ def render_if_missing(
     known = [spec.name for spec in read_scenario(card.scenario).recordings]
     names, _ = chosen_recordings(card, split, known)
     return len(synthesize(card.scenario, card.root, only=names, workers=workers, progress=progress))
+
+
+def _frames(pipeline: FramePipeline, history: int, *, exact: bool) -> Iterator[Frame]:
+    for index in range(history, len(pipeline.images)):
+        image = pipeline.images[index]
+        if not image.scored:
+            continue
+        try:
+            given, reference = pipeline.method_input(index), pipeline.reference(index)
+        except UnscorableFrame:
+            continue
+        yield Frame(
+            recording=pipeline.recording.name,
+            camera=pipeline.camera.name,
+            timestamp_ns=image.timestamp_ns,
+            input=given,
+            reference=reference,
+            exact=read_exact_mask(image, pipeline.recording, reference) if exact else None,
+        )
 
 
 def shipped_card(name: str) -> DatasetCard | None:

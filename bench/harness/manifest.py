@@ -406,11 +406,12 @@ def _sources(module: str) -> dict[str, Path]:
 
 def _listed_files(method: Scorable) -> Iterator[tuple[str, Path]]:
     """Name and path of every file that a method lists in `files`, folders walked."""
-    for path in map(Path, method.files):
-        if not path.exists():
-            raise UsageError(
-                f"method {method.name!r}: files: expected a file or folder, got no such path {str(path)!r}"
-            )
-        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if not file.is_dir():
-                yield file.relative_to(path.parent).as_posix(), file
+    for entry in method.files:
+        path = Path(entry)
+        if path.is_file():
+            yield path.name, path
+        elif path.is_dir():
+            for file in sorted(file for file in path.rglob("*") if file.is_file()):
+                yield f"{path.name}/{file.relative_to(path).as_posix()}", file
+        else:
+            raise UsageError(f"method {method.name!r}: files: expected a file or folder, got no such path {entry!r}")

@@ -333,9 +333,8 @@ def _process_all(
                 failures[str(task)] = failure or failures[str(task)]
                 yield task
 
-    for task in compute(
-        process_task, sorted(tasks, key=lambda task: -task.images)
-    ):  # the longest first: to end together
+    longest_first = sorted(tasks, key=lambda task: -task.images)  # to end together
+    for task in compute(process_task, longest_first):
         done += task.images
         if progress is not None:
             progress(done, total)

@@ -483,7 +483,7 @@ def _rank(group: RankedGroup, entry: Entry) -> Cell:
         return Cell(str(entry.rank or ""))
     if entry.rank == 1:
         return Cell("1", ("best" if group.best else "first",))
-    not_compared = any(other.shipped for other in group.methods[: entry.rank - 1])  # nobody knows whether it is behind
+    not_compared = any(other.shipped for other in group.methods[: entry.rank - 1])  # in pairs
     return Cell(str(entry.rank), () if entry.behind or not_compared else ("or 1",))
 
 

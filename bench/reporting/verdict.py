@@ -316,7 +316,7 @@ def to_markdown(verdict: Verdict) -> str:
 
 def accept_blocks(verdict: Verdict) -> list[Block]:
     """How to accept what failed, as a baseline of one's own where the shipped one judged."""
-    if verdict.passed or not verdict.judged:
+    if verdict.passed or verdict.stored or not verdict.judged:
         return []
     words = ["fisheye-bench", "gate", _as_typed(verdict.run_folder, "RUN")]
     if not verdict.baseline_folder.is_relative_to(shipped_folder("baselines")):

@@ -88,21 +88,32 @@ def _pairs(dataset: str | Path, names: Sequence[str], *, longest_history: int, c
 DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PreparedDrive:
     """The images of one drive and camera.
 
     Attributes:
         recording: name of the drive.
         camera: name of the camera.
-        coarse: (images, C, h, w) uint8, read-only, mapped from disk: `inputs.COARSE`.
-        fine: (images, F + 1, 2 h, 2 w) uint8, as above: `inputs.FINE`, then the share of moving pixels, 0 to 255.
+        folder: of the arrays.
+        images: how many.
     """
 
     recording: str
     camera: str
-    coarse: NDArray[np.uint8]
-    fine: NDArray[np.uint8]
+    folder: Path
+    images: int
+
+    def coarse(self) -> NDArray[np.uint8]:
+        """(images, C, h, w) uint8, read-only, mapped from disk: `inputs.COARSE`."""
+        return self._array("coarse")
+
+    def fine(self) -> NDArray[np.uint8]:
+        """(images, F + 1, 2 h, 2 w) uint8, as above: `inputs.FINE`, then the share of moving pixels, 0 to 255."""
+        return self._array("fine")
+
+    def _array(self, size: str) -> NDArray[np.uint8]:
+        return np.asarray(np.load(self.folder / _arrays(self.recording, self.camera, size), mmap_mode="r"))
 
 
 def prepare(
@@ -175,10 +186,9 @@ def _arrays_of(frame: Frame, rng: np.random.Generator | None) -> tuple[NDArray[n
 
 
 def _prepared(place: Path, name: str) -> Iterator[PreparedDrive]:
-    for camera in json.loads(_index(place, name).read_text(encoding="utf-8")):
-        files = (place / _arrays(name, camera, size) for size in ("coarse", "fine"))
-        coarse, fine = (np.asarray(np.load(file, mmap_mode="r")) for file in files)
-        yield PreparedDrive(recording=name, camera=camera, coarse=coarse, fine=fine)
+    content: dict[str, int] = json.loads(_index(place, name).read_text(encoding="utf-8"))
+    for camera, images in content.items():
+        yield PreparedDrive(recording=name, camera=camera, folder=place, images=images)
 
 
 def _index(place: Path, name: str) -> Path:

@@ -200,7 +200,7 @@ class Batches:
     """
 
     def __init__(self, drives: Sequence[PreparedDrive], plan: Plan) -> None:
-        self._images = [(drive, number) for drive in drives for number in range(len(drive.coarse))]
+        self._images = [(drive, number) for drive in drives for number in range(drive.images)]
         self._plan = plan
         self._varied = [
             {kind: [row for row, name in enumerate(shown) if name in names] for kind, names in VARIED.items()}
@@ -231,7 +231,7 @@ class Batches:
             yield Batch(images=chosen, coarse=coarse, fine=fine, target=target, weight=weight)
 
     def _crop(self, drive: PreparedDrive, number: int, rng: np.random.Generator) -> tuple[NDArray[Any], ...]:
-        coarse, fine = drive.coarse[number], drive.fine[number]
+        coarse, fine = drive.coarse()[number], drive.fine()[number]
         v, u = self._corner(fine[-1], rng)
         rows, columns = self._plan.crop_px
         small = coarse[:, v : v + rows, u : u + columns]
@@ -325,7 +325,7 @@ def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, de
     names: list[tuple[str, str]] = []
     counts: list[list[NDArray[np.int64]]] = []  # of moving, then of static pixels, by score
     for drive in drives:
-        for coarse, fine in zip(drive.coarse, drive.fine, strict=True):
+        for coarse, fine in zip(drive.coarse(), drive.fine(), strict=True):
             height, width = fine.shape[1:]
             given = padded(Channels(coarse=coarse[coarse_rows], fine=fine[fine_rows]))
             with torch.no_grad():
@@ -534,7 +534,7 @@ def main(
         "dataset": dataset,
         "scenario_sha256": None if scenario is None else hashlib.sha256(scenario.read_bytes()).hexdigest(),
         "drives": len({drive.recording for drive in training}),
-        "images": sum(len(drive.coarse) for drive in training),
+        "images": sum(drive.images for drive in training),
         "torch": torch.__version__.split("+")[0],
         "fisheye_bench": __version__,
     }

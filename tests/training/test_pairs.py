@@ -67,7 +67,7 @@ def test_inputs_are_prepared_once(card, tmp_path, disturbed):
         )
 
     (drive,) = prepared()
-    coarse, fine = drive.coarse, drive.fine
+    coarse, fine = drive.coarse(), drive.fine()
     images = 3  # that have an earlier one
     assert coarse.shape == (images, len(COARSE), 120, 160)
     assert fine.shape == (images, len(FINE) + 1, 240, 320)
@@ -79,4 +79,4 @@ def test_inputs_are_prepared_once(card, tmp_path, disturbed):
     assert seen[moving].mean() > 5 * seen[~moving].mean()  # the ego vehicle stands: what moves has flow
     (again,) = prepared()
     assert told == [(0, 1), (1, 1), (1, 1)]
-    np.testing.assert_array_equal(again.coarse, coarse)
+    np.testing.assert_array_equal(again.coarse(), coarse)

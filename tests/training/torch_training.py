@@ -88,7 +88,7 @@ def test_batches_follow_from_seed_epoch_and_losses(drives):
 
 def test_mirrored_crops_change_the_sign_of_what_points_sideways(drives):
     batches, row = Batches(drives, PLAN), COARSE.index("parallax_u")
-    whole = drives[0].coarse[0][row].astype(int) - 128
+    whole = drives[0].coarse()[0][row].astype(int) - 128
     assert whole[50:100, 20:70].mean() * whole[50:100, 90:140].mean() < 0
     sides = {
         np.sign(float(crop[row, :, :30].float().mean() - crop[row, :, -30:].float().mean()))
@@ -149,7 +149,7 @@ def test_what_is_exported_answers_as_the_network_does(drives, trained, tmp_path)
     card = json.loads((tmp_path / "learned.json").read_text())
     assert (card["coarse"], card["fine"]) == (list(COARSE), list(FINE))
     method = build_method("bench.methods.learned.method:LearnedMethod", {"weights": str(tmp_path / "learned.onnx")})
-    channels = Channels(coarse=drives[0].coarse[0][:, :112], fine=drives[0].fine[0][:-1, :224])  # multiples of 16
+    channels = Channels(coarse=drives[0].coarse()[0][:, :112], fine=drives[0].fine()[0][:-1, :224])  # multiples of 16
     with torch.no_grad():
         given = (torch.from_numpy(part[None].copy()) for part in (channels.coarse, channels.fine))
         expected = torch.sigmoid(network(*given))[0].numpy()
