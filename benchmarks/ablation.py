@@ -1,9 +1,10 @@
-"""Worth of each group of channels of `learned`, and of each kind of training image, by short trainings without.
+"""Worth of each group of channels of `learned`, of parts of its network, and of each kind of training image.
 
 python -m benchmarks.ablation --cache DIR --out DIR (extra `train`; hours; continues where it was interrupted). The
-network is trained whole, without each group of channels, without each kind of training image, and on images as they
-were rendered, from several seeds. All trainings are alike and shorter than that of the shipped weights, on smaller
-crops, so their scores compare with each other alone. Where images are left out, others are seen more often: trainings
+network is trained whole, without each group of channels, without attention or the loss of bodies, without each kind of
+training image, and on images as they were rendered, from several seeds, with random weights or those of an exported
+network. All trainings are alike and shorter than that of the shipped weights, so their scores compare with each other
+alone. Where images are left out, others are seen more often: trainings
 are equally long. A third of the validation drives chooses the epoch; the others are scored, as they were rendered and
 as worse cameras would have taken them, and those of each kind alone. `DIR/ablation.csv` has every training, the tables
 that are printed the means.
@@ -11,6 +12,7 @@ that are printed the means.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +33,7 @@ from bench.reporting.document import Table, to_markdown
 from bench.synthesis.production import read_scenario
 from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET, PreparedDrive, prepare
-from bench.training.train import Plan, Validation, train, validate
+from bench.training.train import PARTS, Plan, Validation, train, validate
 
 WHOLE, AS_RENDERED = "nothing", "worse cameras"
 METRICS = {"iou_of_images": "IoU of images", "false_positives": "false positives"}
@@ -42,6 +44,9 @@ KINDS: dict[str, Callable[[RecordingSpec, str], bool]] = {  # whether the images
     "wet roads": lambda drive, _: drive.street.wet,
     "farther away": lambda drive, _: drive.name.startswith("farther-away"),
     "rolling shutter": lambda _, camera: camera == "high",
+    "crowds": lambda drive, _: drive.name.startswith(("crowd", "people-all-around")),
+    "queues": lambda drive, _: drive.name.startswith(("stop-and-go", "creeping-ahead")),
+    "large and near": lambda drive, _: drive.name.startswith(("lorries-alongside", "large-ones")),
 }
 ON_KINDS = {kind: f"IoU of images, {kind}" for kind in KINDS}
 
@@ -88,7 +93,7 @@ class Variant:
 def variants(plan: Plan) -> dict[str, Variant]:
     """The whole network, and what is left out, by name."""
     found = {WHOLE: Variant(plan=plan)}
-    found |= {name: Variant(plan=replace(plan, without=(name,))) for name in GROUPS}
+    found |= {name: Variant(plan=replace(plan, without=(name,))) for name in (*GROUPS, *PARTS)}
     found |= {name: Variant(plan=plan, unseen=name) for name in KINDS}
     return found | {AS_RENDERED: Variant(plan=replace(plan, disturbed=False))}
 
@@ -110,13 +115,13 @@ def seen_drives(
     return others + [others[k] for k in again]
 
 
-def score(variant: Variant, drives: Drives, out: Path) -> dict[str, float]:
+def score(variant: Variant, drives: Drives, out: Path, start: Path | None = None) -> dict[str, float]:
     """Train, and score on validation drives that had no part in it."""
     plan = variant.plan
     training = seen_drives(drives.training[plan.disturbed], drives.specs, variant.unseen)
     names = sorted({drive.recording for drive in drives.rendered})[::CHOOSES]
     choosing = [drive for drive in drives.rendered if drive.recording in names]
-    network, _, log = train(plan, training, choosing, out)
+    network, _, log = train(plan, training, choosing, out, start=start)
     found = {"minutes": sum(line["seconds"] for line in log) / 60}
     rendered, disturbed = (
         validate(network, [drive for drive in scored if drive.recording not in names], plan, "cpu")
@@ -129,7 +134,7 @@ def score(variant: Variant, drives: Drives, out: Path) -> dict[str, float]:
         rows = [row for row, name in enumerate(rendered.names) if name in of_it]
         names_of_it = [rendered.names[row] for row in rows]
         alone = Validation(names=names_of_it, true=rendered.true[rows], false=rendered.false[rows])
-        found[column] = alone.summary()["iou_of_images"]
+        found[column] = alone.summary()["iou_of_images"] if rows else np.nan
     return found
 
 
@@ -164,12 +169,15 @@ def main(
     epochs: Annotated[int, typer.Option(min=1)] = 4,
     seeds: Annotated[int, typer.Option(min=1)] = 2,
     crop_px: Annotated[tuple[int, int], typer.Option(help="rows, columns; multiples of 16")] = (96, 128),
+    rate: Annotated[float, typer.Option(min=0.0, help="largest learning rate")] = 3e-3,
+    start: Annotated[Path | None, typer.Option(help="learned.onnx, beside its card, to begin with")] = None,
     only: Annotated[list[str] | None, typer.Option(help="what is left out; everything in turn without")] = None,
     workers: Annotated[int, typer.Option(min=1, help="processes that prepare; threads that train")] = usable_cores(),
 ) -> None:
     """Train all variants from all seeds and tabulate them."""
     torch.set_num_threads(workers)
-    known = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, bfloat16=True))
+    begun = "" if start is None else hashlib.sha256(start.read_bytes()).hexdigest()
+    known = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, rate=rate, bfloat16=True, start=begun))
     if unknown := sorted(set(only or ()) - known.keys()):
         raise UsageError(f"--only: expected some of {', '.join(known)}, got {', '.join(unknown)}")
     chosen = {name: variant for name, variant in known.items() if not only or name in (WHOLE, *only)}
@@ -191,7 +199,7 @@ def main(
             folder = out / f"{name.replace(' ', '-')}-{seed}"
             make_folder(folder)
             planned = replace(variant, plan=replace(variant.plan, seed=seed))
-            rows.append({"left out": name, "seed": seed, **score(planned, drives, folder)})
+            rows.append({"left out": name, "seed": seed, **score(planned, drives, folder, start)})
             write_text(out / "ablation.csv", pd.DataFrame(rows, dtype=object).to_csv(index=False, lineterminator="\n"))
             typer.echo(rows[-1])
     typer.echo(tables(pd.DataFrame(rows)))

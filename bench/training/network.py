@@ -98,9 +98,10 @@ class MotionNetwork(nn.Module):
     Args:
         coarse: channels of the size of geometry and flow.
         fine: channels of twice that size.
+        attention: of the coarsest cells to each other.
     """
 
-    def __init__(self, coarse: int, fine: int) -> None:
+    def __init__(self, coarse: int, fine: int, *, attention: bool = True) -> None:
         super().__init__()
         self.fine = _convolved(fine, FIRST_WIDTH, stride=2)
         self.stem = _Joined(coarse, FIRST_WIDTH, FIRST_WIDTH)
@@ -109,7 +110,7 @@ class MotionNetwork(nn.Module):
             nn.Sequential(_convolved(a, b, stride=2), _convolved(b, b)) for a, b in zip(widths, WIDTHS, strict=False)
         )
         self.context = nn.Sequential(*(_convolved(WIDTHS[-1], WIDTHS[-1], dilation=rate) for rate in DILATIONS))
-        self.attention = _Attention(WIDTHS[-1])
+        self.attention = _Attention(WIDTHS[-1]) if attention else nn.Identity()
         self.up = nn.ModuleList(_Joined(a, b, b, spread=2) for a, b in zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.head = nn.Conv2d(FIRST_WIDTH, 4, 1)
         self.bodies = nn.ModuleList(nn.Conv2d(width, 1, 1) for width in WIDTHS[: -1 - BODY_LEVELS : -1])

@@ -203,8 +203,9 @@ def _version(dataset: str | Path, *, disturbed: bool) -> str:
     """Digest of what decides the arrays: the data set's scenario and all code that channels are made of."""
     scenario = load_card(dataset).scenario
     package = Path(inputs.__file__).parents[2]
-    parts = [package / part for part in ("cameras", "flow", "geometry", "methods/rigid_scene", "methods/spherical")]
-    files = [Path(inputs.__file__), *sorted(path for part in parts for path in part.rglob("*.py"))]
+    parts = [package / part for part in ("cameras", "flow", "methods/rigid_scene", "methods/spherical")]
+    modules = [Path(inputs.__file__), package / "geometry.py"]
+    files = modules + sorted(file for part in parts for file in part.rglob("*.py"))
     digest = hashlib.sha256(str(dataset).encode() + (b"" if scenario is None else scenario.read_bytes()))
     for file in files + [Path(appearance.__file__)] * disturbed:
         digest.update(file.read_bytes())

@@ -49,6 +49,7 @@ MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fi
 SMALL_PX, SMALL_WEIGHT = 4000.0, 4.0  # objects of fewer fine pixels count more, by the root of their size, to so much
 BODIES_WEIGHT = 0.3  # of the coarsest levels' loss
 SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
+PARTS = ("attention", "bodies")  # of network and loss, that a training can leave out as well
 THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
@@ -67,7 +68,7 @@ class Plan:
     """Everything that decides the weights, beside the data.
 
     Attributes:
-        without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`.
+        without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`; of `PARTS`, too.
         disturbed: images are those of worse cameras, too, see `bench.training.appearance`; also those that choose the
             threshold.
         epochs: at most; each draws as many images as there are.
@@ -109,7 +110,7 @@ class Plan:
         return [COARSE.index(name) for name in self.coarse], [FINE.index(name) for name in self.fine]
 
     def _shown(self, names: Sequence[str]) -> tuple[str, ...]:
-        hidden = {name for group in self.without for name in GROUPS[group]}
+        hidden = {name for group in self.without for name in GROUPS.get(group, ())}
         return tuple(name for name in names if name not in hidden)
 
 
@@ -365,7 +366,8 @@ def train(
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
     torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it; an eighth of the time
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    network = MotionNetwork(len(plan.coarse), len(plan.fine))
+    network = MotionNetwork(len(plan.coarse), len(plan.fine), attention="attention" not in plan.without)
+    bodies_weight = 0.0 if "bodies" in plan.without else BODIES_WEIGHT
     batches = Batches(training, plan)
     if start is not None:
         crops = list(islice(batches.epoch(0, np.ones(batches.images)), STATISTICS_BATCHES))
@@ -399,7 +401,7 @@ def train(
             target, weight = batch.target.to(device), batch.weight.to(device)
             with torch.autocast(device, dtype=torch.bfloat16, enabled=plan.bfloat16):
                 logits, bodies = network.with_bodies(coarse, fine)
-            of_crop = loss_of(logits, target, weight) + BODIES_WEIGHT * loss_of_bodies(bodies, target, weight)
+            of_crop = loss_of(logits, target, weight) + bodies_weight * loss_of_bodies(bodies, target, weight)
             optimiser.zero_grad()
             of_crop.mean().backward()
             optimiser.step()

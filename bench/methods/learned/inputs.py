@@ -40,7 +40,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "images": ("current", "rotated_difference", "road_difference"),
     "flow": ("flow_u", "flow_v", "flow_difference"),
     "constraints": CONSTRAINTS,
-    "scene": ("sigmas", "misfit", "texture", "road_seen", "inverse_depth", "from_road"),
+    "scene": ("sigmas", "misfit", "texture", "road_seen"),
+    "depth": ("inverse_depth", "from_road"),
     "earlier": (
         "earlier_road_difference",
         "earlier_static_difference",
