@@ -205,6 +205,19 @@ def test_what_would_have_to_float_above_the_road_comes_towards_the_camera():
     assert not floating(dark, at_most=0.75, calm_sigmas=6.0).any()
 
 
+def test_what_the_lower_end_of_the_image_cuts_off_does_not_float():
+    evidence, expected = obstacle_before_the_camera(0.6, road_px_sigmas=10.0)
+    foot = int(np.flatnonzero(expected.any(axis=1))[-1])
+
+    def hangs(rows):
+        cells = {name: getattr(evidence, name)[:rows] for name in ("inverse_depth", "from_road_px", "from_road_sigmas")}
+        pixels = {name: getattr(evidence, name)[: 2 * rows] for name in ("fall", "sigmas", "edge")}
+        return floating(replace(evidence, **cells, **pixels), at_most=0.75, calm_sigmas=6.0).any()
+
+    assert not hangs(foot + 1)
+    assert hangs(foot + 5)
+
+
 def test_what_crosses_is_found_and_what_stands_is_not():
     given, truth = crossing()
     found = build_method("rigid-scene").segment(given).mask

@@ -138,7 +138,8 @@ def floating(evidence: Evidence, *, at_most: float, calm_sigmas: float) -> Mask:
     A static obstacle stands on the road: at its foot it is as far away as the road. What comes towards the ego vehicle
     looks nearer than it is, by the ratio of the ego vehicle's speed to the sum of both; the road below its wheels
     does not. Parked cars have ground clearance, but wheels, too: a column of the image counts with its neighbours. A
-    foot counts only where the road below it is seen to be the road: a wall in the dark begins above its foot.
+    foot counts only where the road below it is seen to be the road: a wall in the dark begins above its foot, and where
+    the image ends, nothing is seen below.
 
     Args:
         evidence: of two images.
@@ -197,7 +198,7 @@ def _columns(evidence: Evidence, obstacle: Mask, below: Mask, road: NDArray[np.f
         free = np.flatnonzero(~obstacle[:foot, column])
         top = int(free[-1]) + 1 if len(free) else 0
         lower, under = slice(max(foot - LOWER_CELLS, top), foot), slice(min(foot + 2, last), min(foot + 6, last + 1))
-        if foot - top < 2 or evidence.edge[CELL][under, column].any():
+        if foot - top < 2 or foot + HIDDEN_PX // 2 > last or evidence.edge[CELL][under, column].any():
             continue
         seen = _ranked(per_px[under, column], 0.5) * _ranked(evidence.from_road_px[lower, column], 0.5)
         if seen < CLEAR_SIGMAS:
