@@ -29,7 +29,8 @@ from bench.evaluation.sums import sum_run, write_sums
 from bench.gate.baseline import read_run_sums
 from bench.gate.judge import judge
 from bench.gate.tolerances import load_tolerances
-from bench.harness.counts import open_tables, write_counts
+from bench.harness import counts
+from bench.harness.counts import read_parts, write_counts
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
 from bench.harness.stored import SUMS, Provenance, read_run, write_run
 from bench.methods import build_method
@@ -171,7 +172,7 @@ class Spent:
 
 def summarise_run(one: Path, _: Path) -> None:
     """Steps that end a run: summary, digest of the reference, threshold-free metrics."""
-    sums = sum_run(*open_tables(one), protocol=PAPER)
+    sums = sum_run(*(read_parts(one, table) for table in counts.TABLES), protocol=PAPER)
     write_sums(sums, one / SUMS)
     metrics = summary_of(sums, protocol=PAPER)
     manifest = Manifest(
@@ -205,7 +206,7 @@ def write_runs(folder: Path, *, object_frames: int) -> tuple[Path, Path]:
     return runs
 
 
-def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = rows.ROWS_AT_ONCE) -> Spent:
+def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = counts.ROWS_AT_ONCE) -> Spent:
     """Run a step in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.large_run", step, str(rows_at_once), *map(str, runs)]
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=3600)
@@ -229,7 +230,7 @@ def main() -> None:
     parser.add_argument("rows_at_once", type=int)
     parser.add_argument("runs", nargs=2, type=Path)
     asked = parser.parse_args()
-    rows.ROWS_AT_ONCE = asked.rows_at_once
+    counts.ROWS_AT_ONCE = asked.rows_at_once
     sys.stdout.write(json.dumps(asdict(_run_step(asked.step, tuple(asked.runs)))))
 
 

@@ -82,22 +82,15 @@ class Run:
         rows = {**self.summary.categories, "all_moving": self.summary.all_moving}
         return pd.DataFrame.from_dict({name: _row(row) for name, row in rows.items()}, orient="index")
 
-    @property
+    @cached_property
     def objects(self) -> pd.DataFrame:
         """One row per annotated object and image, whatever its status; columns as in `objects.parquet`."""
-        return self._tables[0]
-
-    @property
-    def frames(self) -> pd.DataFrame:
-        """One row per image; columns as in `frames.parquet`, without histograms."""
-        return self._tables[1]
+        return self.stored.objects()
 
     @cached_property
-    def _tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        from bench.harness.stored import read_tables
-
-        objects, frames = read_tables(self.folder, histograms=False)
-        return objects.to_pandas(), frames.to_pandas().dropna(axis="columns", how="all")
+    def frames(self) -> pd.DataFrame:
+        """One row per image; columns as in `frames.parquet`, without histograms."""
+        return self.stored.frames().dropna(axis="columns", how="all")
 
     def flat(self) -> dict[str, float | str]:
         """Metrics, as "crossing.iou", and settings, as "settings.threshold", for a tracker of experiments."""

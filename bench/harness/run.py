@@ -18,6 +18,7 @@ from time import perf_counter
 from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import BenchError, DataError, OutputError, UsageError
 from bench.evaluation.protocol import Protocol
+from bench.evaluation.rows import IMAGE, sort_rows, to_frame
 from bench.evaluation.summary import Summary, not_annotated, summary_of
 from bench.evaluation.sums import sum_run, write_sums
 from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all
@@ -34,7 +35,7 @@ from bench.harness.answers import (
     safe_name,
     write_answers,
 )
-from bench.harness.counts import COUNTS, count_answers, counts_mark, open_tables, write_counts
+from bench.harness.counts import COUNTS, count_answers, counts_mark, read_counts, read_parts, write_counts
 from bench.harness.digests import digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -59,7 +60,6 @@ from bench.harness.stored import (
     SUMS,
     Provenance,
     StoredRun,
-    failed_images,
     provenance_since,
     write_run,
 )
@@ -441,10 +441,10 @@ def _write_results(results: Path, protocol: Protocol, request: RunRequest, score
         got = "; ".join(failures) or "no image to score"
         where = f"data set {request.card.name!r}, method {request.method.name!r}"
         raise DataError(where, expected="a recording that can be used", got=got)
-    objects, frames = open_tables(results)
-    problems = failed_images(frames)
-    sums = sum_run(objects, frames, protocol=protocol)
+    sums = sum_run(read_parts(results, "objects"), read_parts(results, "frames"), protocol=protocol)
     write_sums(sums, results / SUMS)
+    rows = to_frame(read_counts(results, "frames", [*IMAGE, "status", "problem"]))
+    problems = sort_rows(rows[rows["status"] == FAILED], IMAGE)["problem"].tolist()
     metrics = summary_of(sums, protocol=protocol)
     if not (metrics.images.evaluated or metrics.images.not_annotated or problems):
         reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]

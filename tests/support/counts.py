@@ -7,9 +7,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.evaluation.rows import COLUMNS_OF_FRAMES, FRAMES_SCHEMA
 from bench.harness import counts
 from bench.harness.answers import no_answer, safe_name, write_answers
-from bench.harness.counts import FRAMES, OBJECTS
+from bench.harness.counts import FRAMES, OBJECTS, read_counts
+from bench.harness.stored import results_folder
 
 TASK = "front-00000000"
 
@@ -41,3 +43,10 @@ def change_table(results: Path, table: str, change: Callable[[pa.Table], pa.Tabl
 def counts_file(results: Path, table: str, recording: str = "*") -> Path:
     """The first file of the stored table "objects" or "frames" of a recording."""
     return sorted((results / "counts").glob(f"{recording}/*.{table}.parquet"))[0]
+
+
+def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
+    """The objects and frames of a run, or of its results by a protocol."""
+    folder = results_folder(run)
+    columns = FRAMES_SCHEMA.names if histograms else COLUMNS_OF_FRAMES
+    return read_counts(folder, "objects"), read_counts(folder, "frames", columns)

@@ -9,6 +9,7 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.evaluation.protocol import load_protocol
+from bench.evaluation.rows import to_frame
 from bench.evaluation.summary import Summary, summary_of
 from bench.evaluation.sums import sum_run, write_sums
 from bench.harness import stored
@@ -16,7 +17,7 @@ from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
 from bench.harness.stored import SUMS
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
-from tests.support.result_rows import TableRows, frame_row, frames_table, object_row, objects_table
+from tests.support.result_rows import frame_row, frames_table, object_row, objects_table
 from tests.support.tiny import OUTLINE_M
 
 RECORDINGS, IMAGES = 8, 4
@@ -70,7 +71,7 @@ def _counted(
     objects = objects_table([_object(*key, px, region_px) for key, px in detected])
     images = sorted({key[:2] for key, _ in detected})
     frames = frames_table([_frame(*image, fp_px, region_px) for image in images])
-    sums = sum_run(TableRows(objects), TableRows(frames), protocol=rules)
+    sums = sum_run([to_frame(objects)], [to_frame(frames)], protocol=rules)
     return objects, frames, sums, summary_of(sums, protocol=rules)
 
 
