@@ -72,9 +72,7 @@ def to_frame(table: pa.Table) -> pd.DataFrame:
 
 def merge_rows(one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str]) -> pd.DataFrame:
     """The rows whose key both have; columns that both have get the suffixes "_before" and "_after"."""
-    words = {name: object for name in on if name != "timestamp_ns"}  # two empty columns of Arrow's strings do not merge
-    sides = one.astype(words), other.astype(words)
-    return sides[0].merge(sides[1], on=list(on), suffixes=("_before", "_after"))
+    return one.merge(other, on=list(on), suffixes=("_before", "_after"))
 
 
 def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:
