@@ -103,34 +103,31 @@ def counts_mark(results: Path, place: str) -> Path:
     return results / COUNTS / f"{place}{FRAMES}"
 
 
-def read_counts(
-    results: Path, table: TableName, columns: Sequence[str] | None = None, *, recording: str | None = None
-) -> pa.Table:
-    """Read counts into memory. Their files must be of the schema and hold each row once; `verify` tells the rest.
+def read_counts(results: Path, table: TableName, recording: str, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """Read the counts of a recording. Files must be of the schema and hold each row once; `verify` tells the rest.
 
     Args:
         results: folder of the run's protocol.
         table: which.
-        columns: of it; None for `COLUMNS`.
-        recording: name; None for all.
+        recording: name; no rows of one that is not there.
+        columns: of the table; None for `COLUMNS`.
 
     Raises:
-        DataError: damaged, without a column, or none at all.
+        DataError: damaged, or without a column.
     """
     whole, key = TABLES[table]
     schema = pa.schema([whole.field(name) for name in (COLUMNS[table] if columns is None else columns)])
-    names = stored_recordings(results) if recording is None else [recording]
     tables = [schema.empty_table()]
-    for file in [file for name in names for file in _files(results, table, name)]:
+    for file in sorted((results / COUNTS / safe_name(recording)).glob(f"*.{table}.parquet")):
         try:
             tables.append(read_table(file, columns=schema.names).cast(schema))
         except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: null where none may be
             got = " ".join(str(error).split())[:200]
             raise DataError(file, expected="counts of a run", got=got, hint=REMOVE) from error
-    rows = pa.concat_tables(tables)
-    if set(key) <= set(schema.names) and rows.group_by(key).aggregate([]).num_rows < len(rows):
-        where = f"recordings {', '.join(names)}"
-        raise DataError(where, field=", ".join(key), expected="each row once", got="one twice", hint=REMOVE)
+    rows = to_frame(pa.concat_tables(tables))
+    if set(key) <= set(schema.names) and rows.duplicated(key).any():
+        expected, got = "each row once", "one twice"
+        raise DataError(f"recording {recording}", field=", ".join(key), expected=expected, got=got, hint=REMOVE)
     return rows
 
 
@@ -140,11 +137,10 @@ def stored_recordings(results: Path) -> list[str]:
     Raises:
         DataError: there are none.
     """
-    names = {name_of(file.parent.name) for file in _files(results, "frames")}
+    names = {name_of(file.parent.name) for file in (results / COUNTS).glob(f"*/*{FRAMES}")}
     if not names:
-        raise DataError(
-            results / COUNTS, expected=f"counts of a run (<recording>/*{FRAMES})", got="none", hint="run again"
-        )
+        expected = f"counts of a run (<recording>/*{FRAMES})"
+        raise DataError(results / COUNTS, expected=expected, got="none", hint="run again")
     return sorted(names)
 
 
@@ -160,16 +156,11 @@ def read_parts(
         rows_at_once: from which on a part is full; `ROWS_AT_ONCE` without it.
 
     Raises:
-        DataError: as `read_counts`.
+        DataError: as `read_counts`, or there are none.
     """
-    held: list[pa.Table] = []
+    held: list[pd.DataFrame] = []
     for name in (names := stored_recordings(results)):
-        held.append(read_counts(results, table, columns, recording=name))
+        held.append(read_counts(results, table, name, columns))
         if name == names[-1] or sum(map(len, held)) >= (rows_at_once or ROWS_AT_ONCE):
-            yield to_frame(pa.concat_tables(held))
+            yield pd.concat(held, ignore_index=True)
             held.clear()
-
-
-def _files(results: Path, table: TableName, recording: str | None = None) -> list[Path]:
-    folder = "*" if recording is None else safe_name(recording)
-    return sorted((results / COUNTS).glob(f"{folder}/*.{table}.parquet"))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from bench.errors import BenchError, UnknownNameError
 from bench.evaluation.counts import count_frame
 from bench.evaluation.protocol import load_protocol
-from bench.evaluation.rows import to_frame
 from bench.harness.answers import is_answered, segmentation_of
 from bench.harness.counts import read_counts
 from bench.harness.exact import read_exact_mask
@@ -271,7 +270,5 @@ class StoredFrames:
         return frame
 
     def _read_counts(self, recording: str) -> dict[tuple[str, int], list[int]]:
-        rows = to_frame(
-            read_counts(self._run.folder, "frames", ["camera", "timestamp_ns", *COMPARED], recording=recording)
-        )
+        rows = read_counts(self._run.folder, "frames", recording, ["camera", "timestamp_ns", *COMPARED])
         return {(camera, timestamp_ns): counts for camera, timestamp_ns, *counts in rows.to_numpy().tolist()}

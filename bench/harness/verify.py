@@ -17,7 +17,6 @@ import pandas as pd
 
 from bench.atomic import write_text
 from bench.errors import OutputError
-from bench.evaluation.rows import to_frame
 from bench.evaluation.sums import KEY
 from bench.execution import Progress, TaskExecutor
 from bench.harness.answers import is_answered, segmentation_of
@@ -136,7 +135,7 @@ def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
 def _of_counts(table: TableName, *runs: Path) -> Iterator[str]:
     whole, key = TABLES[table]
     for recording in sorted({name for run in runs for name in stored_recordings(run)}):
-        sides = (to_frame(read_counts(run, table, whole.names, recording=recording)) for run in runs)
+        sides = (read_counts(run, table, recording, whole.names) for run in runs)
         yield from _of_rows(table, key, *sides)
 
 

@@ -7,10 +7,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from bench.evaluation.rows import COLUMNS_OF_FRAMES, FRAMES_SCHEMA
+from bench.evaluation.rows import COLUMNS_OF_FRAMES, FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.harness import counts
 from bench.harness.answers import no_answer, safe_name, write_answers
-from bench.harness.counts import FRAMES, OBJECTS, read_counts
+from bench.harness.counts import FRAMES, OBJECTS, read_counts, stored_recordings
 from bench.harness.stored import results_folder
 
 TASK = "front-00000000"
@@ -48,5 +48,14 @@ def counts_file(results: Path, table: str, recording: str = "*") -> Path:
 def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
     """The objects and frames of a run, or of its results by a protocol."""
     folder = results_folder(run)
-    columns = FRAMES_SCHEMA.names if histograms else COLUMNS_OF_FRAMES
-    return read_counts(folder, "objects"), read_counts(folder, "frames", columns)
+    columns = {"objects": OBJECTS_SCHEMA.names, "frames": FRAMES_SCHEMA.names if histograms else COLUMNS_OF_FRAMES}
+    for table in columns:
+        for recording in stored_recordings(folder):
+            read_counts(folder, table, recording, columns[table])
+    return tuple(
+        pa.concat_tables(
+            pq.read_table(file, columns=columns[table])
+            for file in sorted((folder / "counts").glob(f"*/*.{table}.parquet"))
+        )
+        for table in columns
+    )
