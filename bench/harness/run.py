@@ -15,14 +15,10 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-import pandas as pd
-
 from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import BenchError, DataError, OutputError, UsageError
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import IMAGE, sort_rows
-from bench.evaluation.summary import Summary, not_annotated, summary_of
-from bench.evaluation.sums import sum_run, write_sums
+from bench.evaluation.rows import IMAGE
 from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all
 from bench.flow.dense import evict_flow, memoise_flow
 from bench.harness.answers import (
@@ -37,7 +33,7 @@ from bench.harness.answers import (
     safe_name,
     write_answers,
 )
-from bench.harness.counts import COUNTS, count_answers, counts_mark, read_parts, write_counts
+from bench.harness.counts import COUNTS, count_answers, counts_mark, write_counts
 from bench.harness.digests import digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -59,11 +55,10 @@ from bench.harness.references import StoredReference, evict_cache, find_referenc
 from bench.harness.stored import (
     RESULT_FILES,
     SUMMARY,
-    SUMS,
     Provenance,
     StoredRun,
     provenance_since,
-    write_run,
+    write_results,
 )
 from bench.methods import Scorable
 from bench.methods.contract import own_copy
@@ -221,7 +216,7 @@ def run_benchmark(
         UsageError: the method cannot be copied for each task, or other processes cannot import it.
     """
     with _scored(request, WHOLE, executor, progress) as scored:
-        return [_write_results(results, protocol, request, scored) for results, protocol in request.results.items()]
+        return [_reduce(results, protocol, request, scored) for results, protocol in request.results.items()]
 
 
 def score_part(
@@ -427,47 +422,35 @@ def _remove(*places: Path) -> None:
             place.unlink(missing_ok=True)
 
 
-def _write_results(results: Path, protocol: Protocol, request: RunRequest, scored: ScoredPart) -> StoredRun:
-    """Reduce the counts of a run to its sums and its summary.
+def _reduce(results: Path, protocol: Protocol, request: RunRequest, scored: ScoredPart) -> StoredRun:
+    """Reduce the counts of a run by a protocol to its results.
 
     Raises:
         DataError: counts are damaged, or nothing could be used.
     """
-    failures = [*scored.failures]
     if not scored.done:
-        got = "; ".join(failures) or "no image to score"
+        got = "; ".join(scored.failures) or "no image to score"
         where = f"data set {request.card.name!r}, method {request.method.name!r}"
         raise DataError(where, expected="a recording that can be used", got=got)
-    sums = sum_run(read_parts(results, "objects"), read_parts(results, "frames"), protocol=protocol)
-    write_sums(sums, results / SUMS)
-    rows = pd.concat(read_parts(results, "frames", [*IMAGE, "status", "problem"]))
-    problems = sort_rows(rows[rows["status"] == FAILED], IMAGE)["problem"].tolist()
-    metrics = summary_of(sums, protocol=protocol)
-    if not (metrics.images.evaluated or metrics.images.not_annotated or problems):
-        reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
-        failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
     outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
-    return write_run(
+    return write_results(
         results,
-        metrics,
         manifest=scored.manifest.by(protocol),
         protocol=protocol,
-        provenance=scored.provenance.model_copy(
-            update={"images": metrics.images.evaluated + metrics.images.not_annotated}
-        ),
-        failures=[*failures, *problems],
-        caveats=_caveats(request, metrics, scored.recordings),
+        provenance=scored.provenance,
+        failures=scored.failures,
+        caveats=[*_caveats(request, scored.recordings)],
         vehicle_outline_m=outlines[-1] if outlines else (),
     )
 
 
-def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording]) -> str:
-    """Caveats for a reader: annotations not there or not reviewed, those of the data, errors of the method's input."""
-    proposed = sum(not one.reviewed for one in recordings)
-    unreviewed = f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)." if proposed else ""
-    told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
-    errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(filter(None, (unreviewed, not_annotated(metrics), request.card.content.caveats, errors)))
+def _caveats(request: RunRequest, recordings: Sequence[PlannedRecording]) -> Iterator[str]:
+    """Caveats for a reader: annotations that were not reviewed, those of the card, errors of the method's input."""
+    if proposed := sum(not one.reviewed for one in recordings):
+        yield f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)."
+    yield request.card.content.caveats
+    if told := [f"{name} {error:g}" for name, error in request.input_errors.named.items()]:
+        yield f"The method was told errors of its input: {', '.join(told)}."
 
 
 def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecording:
@@ -477,7 +460,6 @@ def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecordin
         digest = digest_recording(recording)
     except BenchError as error:
         return PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: {error}")
-    _keep(handle, digest, recording)
     return PlannedRecording(
         name=handle.name,
         tasks=tuple(cut_tasks(handle, recording, digest, method)),
@@ -616,13 +598,8 @@ _last: tuple[object, Recording] | None = None  # that was opened; tasks of a rec
 
 
 def _open(handle: RecordingHandle, digest: str) -> Recording:
-    last = _last
-    if last is not None and last[0] == (handle.name, digest, handle.input_errors):
-        return last[1]
-    return _keep(handle, digest, handle.open())
-
-
-def _keep(handle: RecordingHandle, digest: str, recording: Recording) -> Recording:
     global _last
-    _last = (handle.name, digest, handle.input_errors), recording
-    return recording
+    key = handle.name, digest, handle.input_errors
+    if _last is None or _last[0] != key:
+        _last = key, handle.open()
+    return _last[1]

@@ -33,14 +33,15 @@ from bench.atomic import write_text
 from bench.errors import DataError, UsageError
 from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.rows import IMAGE, OBJECT, merge_rows, sort_rows
-from bench.evaluation.summary import Summary, summary_of
-from bench.evaluation.sums import read_sums, sum_run
+from bench.evaluation.summary import Summary, not_annotated, summary_of
+from bench.evaluation.sums import read_sums, sum_run, write_sums
 from bench.evaluation.thresholds import HISTOGRAM_COLUMNS, IMAGES_AT_ONCE, ThresholdFreeMetrics, threshold_free_metrics
 from bench.execution import largest_resident_mb
-from bench.harness.answers import ANSWERS, Answer, read_answers, safe_name
+from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
 from bench.harness.counts import COLUMNS, COUNTS, TABLES, TableName, read_parts
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, write_manifest
+from bench.plain_text import listed
 from bench.recordings.annotations import NOT_REVIEWED
 from bench.recordings.validation import read_json
 
@@ -291,43 +292,52 @@ def refuse_unscored(summary: RunSummary, run: Path) -> None:
         raise UsageError(f"{run}: expected a run with scores, got one of data that are not annotated")
 
 
-def write_run(
+def write_results(
     folder: Path,
-    metrics: Summary,
     *,
     manifest: Manifest,
     protocol: Protocol,
     provenance: Provenance,
     failures: Sequence[str] = (),
-    caveats: str = "",
+    caveats: Sequence[str] = (),
     vehicle_outline_m: tuple[tuple[float, float], ...] = (),
 ) -> StoredRun:
-    """Write the small files of results, whose counts and sums lie in their folder; NaN becomes null.
+    """Reduce the counts of a run to its sums and its summary, and store what they are of; NaN becomes null.
 
     Args:
         folder: of the results.
-        metrics: of the counts.
         manifest: what the run is, but for the digest of its reference.
         protocol: its rules.
-        provenance: as in `RunSummary`, like what follows.
-        failures: one line each.
-        caveats: of the data.
-        vehicle_outline_m: of the ego vehicle.
+        provenance: how the answers came about.
+        failures: one line for each recording and task that could not be used; those of images are added.
+        caveats: of the data, in lines.
+        vehicle_outline_m: as in `RunSummary`.
+
+    Raises:
+        DataError: counts are damaged.
     """
+    sums = sum_run(read_parts(folder, "objects"), read_parts(folder, "frames"), protocol=protocol)
+    metrics = summary_of(sums, protocol=protocol)
+    scored, told = metrics.images.evaluated + metrics.images.not_annotated, [*failures]
+    rows = pd.concat(read_parts(folder, "frames", [*IMAGE, "status", "problem"]))
+    problems = sort_rows(rows[rows["status"] == FAILED], IMAGE)["problem"].tolist()
+    if not (scored or problems):
+        reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
+        told.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
     manifest = manifest.model_copy(update={"reference": reference_digest(partial(read_parts, folder))})
-    write_text(folder / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
-    write_manifest(folder / MANIFEST, manifest)
+    histograms = read_parts(folder, "frames", HISTOGRAM_COLUMNS, rows_at_once=IMAGES_AT_ONCE)
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=1,
-        provenance=provenance,
+        provenance=provenance.model_copy(update={"images": scored}),
         vehicle_outline_m=vehicle_outline_m,
-        failures=tuple(failures),
-        caveats=caveats,
-        threshold_free=threshold_free_metrics(
-            read_parts(folder, "frames", HISTOGRAM_COLUMNS, rows_at_once=IMAGES_AT_ONCE)
-        ),
+        failures=(*told, *problems),
+        caveats="\n".join(filter(None, (not_annotated(metrics), *caveats))),
+        threshold_free=threshold_free_metrics(histograms),
     )
+    write_sums(sums, folder / SUMS)
+    write_text(folder / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
+    write_manifest(folder / MANIFEST, manifest)
     write_text(folder / SUMMARY, summary.model_dump_json(indent=1) + "\n")
     return StoredRun(folder=folder, label=run_name(folder), manifest=manifest, summary=summary, protocol=protocol)
 
