@@ -194,7 +194,7 @@ def run(
         fisheye-bench run demo
         fisheye-bench run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1
     """
-    from bench.harness.run import parse_part, score_part
+    from bench.harness.run import parse_part, run_benchmark
 
     request = run_request(
         dataset,
@@ -214,7 +214,7 @@ def run(
         return score(request, executor=executor, pictures=pictures, remarks=remarks, progress=progress)
     title = f"scoring part {shard} of {request.card.name}"
     with console.resumable(request.folder), console.progress_bar(title, "images", progress) as report:
-        return Run(folder=request.folder, part=score_part(request, part, executor=executor, progress=report))
+        return Run(folder=request.folder, part=run_benchmark(request, part=part, executor=executor, progress=report))
 
 
 def run_request(
@@ -308,7 +308,7 @@ def score(
     runs: list[Run] = []
     with console.resumable(request.folder):
         with console.progress_bar(title, "images", progress) as report:
-            results = run_benchmark(request, executor=executor, progress=report)
+            results = run_benchmark(request, executor=executor, progress=report).results
         for stored in results:
             files, missing = [stored.folder / SUMMARY, *write_report_files(stored)], list[str]()
             if pictures:

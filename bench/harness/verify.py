@@ -98,7 +98,7 @@ def verify_run(
             protocols=[stored.protocol],
             split=stored.manifest.dataset.split,
         )
-        (again,) = run_benchmark(request, executor=executor, progress=progress)
+        (again,) = run_benchmark(request, executor=executor, progress=progress).results
         found = (
             *_of_manifest(stored, again),
             *_of_counts("objects", stored.folder, again.folder),
