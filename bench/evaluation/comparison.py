@@ -24,7 +24,7 @@ from bench.evaluation.intervals import (
     jackknife,
     ratio_without_each,
 )
-from bench.evaluation.rows import EVALUATED, OBJECT, merge_rows, sort_rows
+from bench.evaluation.rows import OBJECT, merge_rows, sort_rows
 from bench.evaluation.sums import KEY, TERMS, name_slice
 
 SIGNIFICANCE = 0.05  # of p-values corrected after Holm
@@ -216,14 +216,14 @@ _MEASURED: dict[str, Callable[[pd.DataFrame], Any]] = {
     "iou": intersection_over_union,
 }
 CHANGES = [*OBJECT, *_OF_OBJECT, "change", *(f"{name}{side}" for name in _MEASURED for side in SIDES)]
-COMPARED = [*OBJECT, "status", *_OF_OBJECT, "tp", "fn", "fp"]
+COMPARED = [*OBJECT, *_OF_OBJECT, "tp", "fn", "fp"]
 
 
 def object_changes(before: pd.DataFrame, after: pd.DataFrame, *, level: float = 0.0) -> pd.DataFrame:
     """Set the object-frames that both of two runs evaluated side by side.
 
     Args:
-        before: rows of `OBJECTS_SCHEMA`, at least the columns `COMPARED`.
+        before: evaluated rows of `OBJECTS_SCHEMA`, at least the columns `COMPARED`.
         after: the same of the other run.
         level: coverage from which on an object counts as detected; 0 for any pixel.
 
@@ -239,5 +239,5 @@ def object_changes(before: pd.DataFrame, after: pd.DataFrame, *, level: float = 
 
 
 def _measured(objects: pd.DataFrame, level: float) -> pd.DataFrame:
-    rows = objects[objects["status"] == EVALUATED].assign(**_MEASURED)[[*OBJECT, *_OF_OBJECT, *_MEASURED]]
+    rows = objects.assign(**_MEASURED)[[*OBJECT, *_OF_OBJECT, *_MEASURED]]
     return rows.assign(detected=rows["detected"] & (rows["coverage"] >= level))

@@ -32,7 +32,7 @@ from pydantic import BaseModel, ConfigDict
 from bench.atomic import write_text
 from bench.errors import DataError, UsageError
 from bench.evaluation.protocol import Protocol, load_protocol
-from bench.evaluation.rows import IMAGE, OBJECT, merge_rows, sort_rows
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, merge_rows, sort_rows
 from bench.evaluation.summary import Summary, not_annotated, summary_of
 from bench.evaluation.sums import read_sums, sum_run, write_sums
 from bench.evaluation.thresholds import HISTOGRAM_COLUMNS, IMAGES_AT_ONCE, ThresholdFreeMetrics, threshold_free_metrics
@@ -187,6 +187,12 @@ class StoredRun:
     def frames(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """Rows of `FRAMES_SCHEMA`, in memory; without the histograms unless these are named."""
         return pd.concat(self.parts("frames", columns), ignore_index=True)
+
+    def evaluated(self, table: TableName, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """The evaluated rows of a table, in memory."""
+        names = list(COLUMNS[table] if columns is None else columns)
+        parts = self.parts(table, list(dict.fromkeys([*names, "status"])))
+        return pd.concat([rows.loc[rows["status"] == EVALUATED, names] for rows in parts], ignore_index=True)
 
     def histograms(self) -> Iterator[pd.DataFrame]:
         """The columns of frames that `bench.evaluation.thresholds` reads, some whole recordings at a time."""

@@ -33,7 +33,7 @@ from bench.evaluation.comparison import (
 )
 from bench.evaluation.definitions import false_share, find_metric, headlines, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import EVALUATED, IMAGE, merge_rows
+from bench.evaluation.rows import IMAGE, merge_rows
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.execution import Progress
 from bench.harness.digests import short_digest
@@ -90,9 +90,8 @@ def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
     of_reference = {reference_of(run): run for run in runs}
     if len(of_reference) == 1:
         return [*runs]
-    frames = [run.frames([*IMAGE, "status"]) for run in of_reference.values()]
-    scored = [images.loc[images["status"] == EVALUATED, IMAGE] for images in frames]
-    common = reduce(partial(merge_rows, on=IMAGE), scored)
+    images = [run.evaluated("frames", IMAGE) for run in of_reference.values()]
+    common = reduce(partial(merge_rows, on=IMAGE), images)
     return [replace(run, common=common) for run in runs]
 
 
@@ -232,7 +231,7 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
         frames: columns `CHANGED`, of each kind at most `LISTED`, and at most one of each track; the largest change of
             coverage first, of equals the largest object.
     """
-    sides = [run.objects(COMPARED) for run in (before, after)]
+    sides = [run.evaluated("objects", COMPARED) for run in (before, after)]
     rows = object_changes(*sides, level=formats.found_level(before.protocol))
     lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
     numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
@@ -255,8 +254,7 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
 def changed_images(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     """The image with most more and the one with most fewer false positives; none where nothing changed."""
 
-    columns = [*IMAGE, "status", "width", "height", "fp_px"]
-    sides = [frames[frames["status"] == EVALUATED] for frames in (before.frames(columns), after.frames(columns))]
+    sides = [run.evaluated("frames", [*IMAGE, "width", "height", "fp_px"]) for run in (before, after)]
     rows = merge_rows(*(frames.assign(share=false_share)[[*IMAGE, "share"]] for frames in sides), on=IMAGE)
     change = rows["share_after"] - rows["share_before"]
     kinds = {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}

@@ -201,7 +201,7 @@ def draw_run_maps(run: StoredRun) -> Figure:
     """Draw the maps of a run, of what its protocol counts as found."""
     outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
     level = found_level(run.protocol)
-    maps = range_maps(run.objects(PLACED), protocol=run.protocol, level=level)
+    maps = range_maps(run.evaluated("objects", PLACED), protocol=run.protocol, level=level)
     return draw_range_maps(maps, vehicle_outline_m=outline_m, title=HALF_TITLE if level else "")
 
 

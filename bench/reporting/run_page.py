@@ -145,24 +145,23 @@ Row = Mapping[str, Any]  # of a stored table, with `coverage`
 
 
 def worst_objects(objects: pd.DataFrame, *, most: int) -> list[Row]:
-    """Of each category the evaluated object-frames with the lowest coverage, one of each track, of equals the largest.
+    """Of each category the object-frames with the lowest coverage, one of each track, of equals the largest.
 
     Returns:
         Rows of `OBJECTS_SCHEMA` plus `coverage`.
     """
-    scored = sort_rows(objects[objects["status"] == EVALUATED], OBJECT).assign(coverage=coverage)
+    scored = sort_rows(objects, OBJECT).assign(coverage=coverage)
     ranked = scored.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
     return _rows(ranked.drop_duplicates(["category", *IMAGE[:2], "track_id"]).groupby("category").head(most))
 
 
 def worst_frames(frames: pd.DataFrame, *, most: int) -> list[Row]:
-    """The scored images with the largest false-positive coverage, one of each recording and camera.
+    """The images with the largest false-positive coverage, one of each recording and camera.
 
     Returns:
         Rows of `FRAMES_SCHEMA` without the histograms, plus `coverage`, here of false positives.
     """
-    scored = frames[(frames["status"] == EVALUATED) & (frames["fp_px"] > 0)]
-    ranked = sort_rows(scored, IMAGE).assign(coverage=false_share)
+    ranked = sort_rows(frames[frames["fp_px"] > 0], IMAGE).assign(coverage=false_share)
     return _rows(ranked.sort_values("coverage", ascending=False, kind="stable").drop_duplicates(IMAGE[:2]).head(most))
 
 
@@ -384,8 +383,8 @@ def write_page(
     """
     run = read_run(folder)
     charts = figures.draw_charts(run)
-    worst = [*worst_objects(run.objects(), most=WORST), *worst_frames(run.frames(), most=WORST)]
-    examples = dict([*example_frames(run.objects(LARGEST)).items()][:EXAMPLES])
+    worst = worst_objects(run.evaluated("objects"), most=WORST) + worst_frames(run.evaluated("frames"), most=WORST)
+    examples = dict([*example_frames(run.evaluated("objects", LARGEST)).items()][:EXAMPLES])
     of_worst = {_image_key(row) for row in worst}
     drawn, missing = draw_images(
         [run],

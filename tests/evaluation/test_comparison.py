@@ -17,10 +17,10 @@ from bench.evaluation.comparison import (
     object_changes,
     pair_sums,
 )
-from bench.evaluation.rows import to_frame
 from bench.evaluation.sums import KEY, TERMS
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import random_run, random_sums, scored, shuffled, summary_of
+from tests.support.result_rows import evaluated
 
 Sums = dict[str, tuple[float, float]]  # numerator and denominator by recording
 
@@ -166,7 +166,7 @@ def test_holm_by_hand(p_values: list[float | None], corrected: list[float | None
 
 
 def changes(before: pa.Table, after: pa.Table) -> pd.DataFrame:
-    return object_changes(to_frame(before), to_frame(after))
+    return object_changes(evaluated(before), evaluated(after))
 
 
 def test_every_kind_of_change() -> None:

@@ -19,6 +19,7 @@ from bench.records.reference import Direction
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, random_sums, scored, shuffled
 from tests.support.counts import write_counts
+from tests.support.result_rows import evaluated
 
 
 def reduced(tables: tuple[pa.Table, pa.Table]) -> pd.DataFrame:
@@ -144,7 +145,7 @@ def placed(*places_m: tuple[float, float]) -> pd.DataFrame:
     """Pedestrians at these places; the first alone is detected."""
     objects = [reference_object(chr(97 + k), centroid_m=np.array(place)) for k, place in enumerate(places_m)]
     labels = np.arange(1, len(places_m) + 1, dtype=np.int32)[None]
-    return to_frame(scored([(reference_frame(labels, objects=objects), labels == 1)])[0])
+    return evaluated(scored([(reference_frame(labels, objects=objects), labels == 1)])[0])
 
 
 def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
@@ -169,6 +170,6 @@ def test_a_cell_with_few_object_frames_is_marked() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_no_object_frame_is_lost(seed: int) -> None:
     objects = random_run(seed)[0]
-    found = range_maps(to_frame(objects), protocol=PAPER)
-    evaluated = sum(status == "evaluated" for status in objects["status"].to_pylist())
-    assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == evaluated
+    found = range_maps(evaluated(objects), protocol=PAPER)
+    expected = sum(status == "evaluated" for status in objects["status"].to_pylist())
+    assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == expected

@@ -117,4 +117,4 @@ def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, x_m):
     with pytest.raises(
         DataError, match=r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle"
     ):
-        range_maps(run.objects(), protocol=run.protocol)
+        range_maps(run.evaluated("objects"), protocol=run.protocol)

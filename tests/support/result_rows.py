@@ -1,11 +1,17 @@
 """Rows of a result."""
 
+import pandas as pd
 import pyarrow as pa
 
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, to_frame
 from bench.evaluation.summary import Summary, summary_of
 from bench.evaluation.sums import sum_run
+
+
+def evaluated(table: pa.Table) -> pd.DataFrame:
+    rows = to_frame(table)
+    return rows[rows["status"] == "evaluated"]
 
 
 def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Summary:

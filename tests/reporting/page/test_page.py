@@ -29,7 +29,7 @@ from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import texts
 from tests.reporting.summaries import figure, object_figures, summary
 from tests.support.counts import change_table, read_tables
-from tests.support.result_rows import frame_row, frames_table, object_row, objects_table
+from tests.support.result_rows import evaluated, frame_row, frames_table, object_row, objects_table
 from tests.support.stored_files import change_manifest
 
 
@@ -80,14 +80,14 @@ S = 1_000_000_000
 
 
 def objects(*rows):
-    return to_frame(objects_table([
+    return evaluated(objects_table([
         object_row(0) | {"track_id": track, "timestamp_ns": time, "tp": tp, "fn": 100 - tp} for track, time, tp in rows
     ]))  # fmt: skip
 
 
 def frames(*rows):
     size = {"width": 10, "height": 10}
-    return to_frame(frames_table([
+    return evaluated(frames_table([
         frame_row(0) | size | {"recording": name, "timestamp_ns": time, "fp_px": fp} for name, time, fp in rows
     ]))  # fmt: skip
 
