@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +18,6 @@ from time import perf_counter
 from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import BenchError, DataError, OutputError, UsageError
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import IMAGE
 from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all
 from bench.flow.dense import evict_flow, memoise_flow
 from bench.harness.answers import (
@@ -100,7 +99,6 @@ class Task:
         start: index of the first image to score.
         stop: index after the last.
         digest: of the recording's content.
-        twice: ask for the first image twice.
     """
 
     handle: RecordingHandle
@@ -108,7 +106,6 @@ class Task:
     start: int
     stop: int
     digest: str
-    twice: bool = False
 
     def __str__(self) -> str:
         return f"recording {self.handle.name!r}, camera {self.camera!r}, images {self.start} to {self.stop - 1}"
@@ -303,18 +300,25 @@ def _process_all(
     failures = dict.fromkeys(map(str, tasks), "")
     total, done = sum(task.images for task in tasks), 0
     unanswered = [task for task in tasks if not request.is_answered(task)]
+
+    def compute(function: Callable[[RunRequest, AnswersManifest, Task], str], tasks: Sequence[Task]) -> Iterator[Task]:
+        with closing(executor.compute(partial(function, request, manifest), tasks)) as results:
+            for task, failure in results:
+                if isinstance(failure, FailedTask):
+                    failure = f"method {request.method.name!r}, {task}: {failure.reason}"
+                failures[str(task)] = failure or failures[str(task)]
+                yield task
+
     longest_first = sorted(tasks, key=lambda task: -task.images)  # to end together
-    asked = [replace(task, twice=task in unanswered[:1]) for task in longest_first]
-    with closing(executor.compute(partial(process_task, request, manifest), asked)) as results:
-        for task, failure in results:
-            if isinstance(failure, FailedTask):
-                failure = f"method {request.method.name!r}, {task}: {failure.reason}"
-            failures[str(task)] = failure
-            done += task.images
-            if progress is not None:
-                progress(done, total)
-    answered = sum(task.images for task in unanswered if request.is_answered(task))
-    return answered, [*filter(None, failures.values())]
+    for task in compute(process_task, longest_first):
+        done += task.images
+        if progress is not None:
+            progress(done, total)
+    asked = [task for task in unanswered if request.is_answered(task)]
+    if not is_oracle(request.method):
+        for _ in compute(ask_again, asked[:1]):
+            pass
+    return sum(task.images for task in asked), [*filter(None, failures.values())]
 
 
 def _begin(request: RunRequest, method: MethodOfRun, recordings: Sequence[PlannedRecording]) -> AnswersManifest:
@@ -521,48 +525,65 @@ def _process(request: RunRequest, task: Task) -> None:
 def ask(recording: Recording, task: Task, method: Scorable, references: Sequence[StoredReference]) -> list[Answer]:
     """Ask a method, or an oracle, for each image of a task; an image without an answer says why.
 
-    The first image of a run is asked for twice, and fails where a mask is another one by more than rounding. That comes
-    of something noted in a module: then all answers depend on what a process did before.
-
     Args:
         recording: the drive.
         task: which images.
         method: to be asked.
         references: of the images, which only oracles see.
     """
-    indices = range(task.start, task.stop)
-    answers = _answers(recording, task.camera, method, zip(indices, references, strict=True))
-    if task.twice and not is_oracle(method):
-        (again,) = _answers(recording, task.camera, method, [(task.start, references[0])])
-        if not answers_agree(answers[0], again):
-            key = {name: again[name] for name in IMAGE}
-            problem = (
-                f"method {method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
-                f"{key['timestamp_ns']} ns: expected the same answer when asked again, got another; what is noted in a "
-                f"module or class, and random numbers without a seed of their own, make scores depend on --workers"
-            )
-            answers[0] = no_answer(key, FAILED, problem)
-    return answers
-
-
-def _answers(
-    recording: Recording, camera: str, method: Scorable, images: Iterable[tuple[int, StoredReference]]
-) -> list[Answer]:
-    """Ask a fresh copy of a method for images, given by index and reference."""
-    pipeline = FramePipeline(recording, camera, method=method)
+    pipeline = FramePipeline(recording, task.camera, method=method)
     answers: list[Answer] = []
-    for index, reference in images:
-        key = {"recording": recording.name, "camera": camera, "timestamp_ns": pipeline.images[index].timestamp_ns}
+    for index, row in zip(range(task.start, task.stop), references, strict=True):
+        image = pipeline.images[index]
+        key = {"recording": recording.name, "camera": task.camera, "timestamp_ns": image.timestamp_ns}
         try:
             given = pipeline.method_input(index)
             began = perf_counter()
-            said = pipeline.ask(index, given, partial(reference_of, reference, recording.name))
+            said = pipeline.ask(index, given, partial(reference_of, row, recording.name))
             answers.append(answer_row(key, said, seconds=perf_counter() - began))
         except UnscorableFrame as reason:
             answers.append(no_answer(key, SKIPPED, message_without_root(reason, recording)))
         except BenchError as error:
             answers.append(no_answer(key, FAILED, message_without_root(error, recording)))
     return answers
+
+
+def ask_again(request: RunRequest, manifest: AnswersManifest, task: Task) -> str:
+    """Ask once more for the first image of a task that is done; where the answer is another one, the image fails.
+
+    A mask that differs by more than rounding comes of something noted in a module: then all answers depend on what a
+    process did before.
+
+    Args:
+        request: the run.
+        manifest: as of `process_task`.
+        task: which images.
+
+    Returns:
+        As `process_task`.
+
+    Raises:
+        OutputError: a result cannot be stored.
+    """
+    file = request.answers(request.folder, task)
+    try:
+        recording, (first, *others) = _open(task.handle, task.digest), read_answers(file)
+    except BenchError as error:
+        return f"{task}: {error}"
+    with memoise_flow(request.flow_cache):
+        (again,) = ask(recording, replace(task, stop=task.start + 1), request.method, [""])
+    if answers_agree(first, again):
+        return ""
+    key = {name: first[name] for name in ("recording", "camera", "timestamp_ns")}
+    problem = (
+        f"method {request.method.name!r}, recording {recording.name!r}, camera {task.camera!r}, image at "
+        f"{key['timestamp_ns']} ns: expected the same answer when asked again at the end, got another; what is noted "
+        f"in a module or class, and random numbers without a seed of their own, make scores depend on --workers"
+    )
+    for results in request.results:
+        counts_mark(results, task.place).unlink(missing_ok=True)
+    write_answers(file, [no_answer(key, FAILED, problem), *others])
+    return process_task(request, manifest, task)
 
 
 def _refuse_other_code(request: RunRequest, manifest: AnswersManifest) -> None:

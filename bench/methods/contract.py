@@ -111,8 +111,9 @@ class Method(Scorable, ABC):
     expensive to load belongs in a function of its module with `functools.lru_cache`, by the digest of the file.
 
     Nothing else may be noted in a module or a class. A process computes several tasks, so that answers would depend on
-    how many processes there are. A run finds most of this out: it asks twice for its first image, and fails that image
-    where more than a thousandth of the mask is another. Random numbers come from a generator that `segment` seeds.
+    how many processes there are. A run finds most of this out: at its end it asks again for its first image, and fails
+    that image where more than a thousandth of the mask is another. Random numbers come from a generator that `segment`
+    seeds.
 
     What is changed of the process, as the working folder, is undone after each answer. An answer is copied when it is
     returned; what becomes of its arrays is no matter.

@@ -205,7 +205,7 @@ def test_a_method_is_asked_once_for_any_number_of_protocols(tiny_card, tmp_path,
     monkeypatch.setattr(SphericalMethod, "segment", lambda self, given: asked.append(given) or segment(self, given))
     for protocol in (PAPER, SURFACE):
         score(tiny_card, tmp_path / protocol.name, protocol=protocol)
-    assert len(asked) == 2 * (IMAGES + 1), "the first image twice"
+    assert len(asked) == 2 * (IMAGES + 1), "the first image once more at the end"
     together = request(tiny_card, tmp_path / "run", PAPER, method="spherical")
     run_benchmark(together)
     assert len(asked) == 3 * (IMAGES + 1)
