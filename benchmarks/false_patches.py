@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from bench.evaluation.counts import find_regions
 from bench.evaluation.rows import EVALUATED, IMAGE
+from bench.harness.counts import stored_recordings
 from bench.harness.datasets import StoredFrames
 from bench.harness.exact import read_exact_mask
 from bench.harness.stored import StoredRun, read_run
@@ -75,8 +76,10 @@ def main(
 ) -> None:
     """Print the share of images with a large false patch, and shares of the patches' area."""
     stored = read_run(run)
-    scored = stored.frames.read(sorted(stored.frames.recordings())[::every], [*IMAGE, "status", "fp_large_components"])
-    scored = scored[scored["status"] == EVALUATED]
+    scored = stored.frames([*IMAGE, "status", "fp_large_components"])
+    scored = scored[
+        (scored["status"] == EVALUATED) & scored["recording"].isin(stored_recordings(stored.folder)[::every])
+    ]
     flagged = scored[scored["fp_large_components"] > 0].sort_values(IMAGE)
     found = pd.DataFrame(patches(stored, StoredFrames(stored), flagged[IMAGE]))
     of_area = found[["beside", "hidden", "dark"]].mul(found["px"], axis=0)

@@ -24,14 +24,14 @@ from bench.evaluation import rows
 from bench.evaluation.counts import BINS
 from bench.evaluation.protocol import load_protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA
-from bench.evaluation.summary import ProtocolOfRun, summary_of
-from bench.evaluation.sums import sum_run, write_sums
+from bench.evaluation.summary import ProtocolOfRun
 from bench.gate.baseline import read_run_sums
 from bench.gate.judge import judge
 from bench.gate.tolerances import load_tolerances
-from bench.harness.counts import open_tables, write_counts
+from bench.harness import counts
+from bench.harness.counts import write_counts
 from bench.harness.manifest import CodeOfRun, DatasetOfRun, Manifest, MethodOfRun
-from bench.harness.stored import SUMS, Provenance, read_run, write_run
+from bench.harness.stored import Provenance, read_run, write_results
 from bench.methods import build_method
 from bench.records.reference import Direction, IgnoreReason, Status
 from bench.reporting.compare import write_comparison
@@ -171,9 +171,6 @@ class Spent:
 
 def summarise_run(one: Path, _: Path) -> None:
     """Steps that end a run: summary, digest of the reference, threshold-free metrics."""
-    sums = sum_run(*open_tables(one), protocol=PAPER)
-    write_sums(sums, one / SUMS)
-    metrics = summary_of(sums, protocol=PAPER)
     manifest = Manifest(
         dataset=DatasetOfRun(name="drawn", card="drawn.yaml", split=None),
         method=MethodOfRun.of(build_method("nothing")),
@@ -181,10 +178,10 @@ def summarise_run(one: Path, _: Path) -> None:
         code=CodeOfRun.here(),
     )
     provenance = Provenance(
-        started_utc="2026-01-02T03:04", seconds=1.0, images=metrics.images.evaluated,
+        started_utc="2026-01-02T03:04", seconds=1.0, images=0,
         images_asked=0, workers=1, peak_memory_mb=1.0,
     )  # fmt: skip
-    write_run(one, metrics, manifest=manifest, protocol=PAPER, provenance=provenance, vehicle_outline_m=OUTLINE_M)
+    write_results(one, manifest=manifest, protocol=PAPER, provenance=provenance, vehicle_outline_m=OUTLINE_M)
 
 
 STEPS: dict[str, Callable[[Path, Path], object]] = {
@@ -205,7 +202,7 @@ def write_runs(folder: Path, *, object_frames: int) -> tuple[Path, Path]:
     return runs
 
 
-def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = rows.ROWS_AT_ONCE) -> Spent:
+def measure(step: str, runs: tuple[Path, Path], *, rows_at_once: int = counts.ROWS_AT_ONCE) -> Spent:
     """Run a step in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.large_run", step, str(rows_at_once), *map(str, runs)]
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=3600)
@@ -229,7 +226,7 @@ def main() -> None:
     parser.add_argument("rows_at_once", type=int)
     parser.add_argument("runs", nargs=2, type=Path)
     asked = parser.parse_args()
-    rows.ROWS_AT_ONCE = asked.rows_at_once
+    counts.ROWS_AT_ONCE = asked.rows_at_once
     sys.stdout.write(json.dumps(asdict(_run_step(asked.step, tuple(asked.runs)))))
 
 

@@ -82,22 +82,15 @@ class Run:
         rows = {**self.summary.categories, "all_moving": self.summary.all_moving}
         return pd.DataFrame.from_dict({name: _row(row) for name, row in rows.items()}, orient="index")
 
-    @property
+    @cached_property
     def objects(self) -> pd.DataFrame:
         """One row per annotated object and image, whatever its status; columns as in `objects.parquet`."""
-        return self._tables[0]
-
-    @property
-    def frames(self) -> pd.DataFrame:
-        """One row per image; columns as in `frames.parquet`, without histograms."""
-        return self._tables[1]
+        return self.stored.objects()
 
     @cached_property
-    def _tables(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        from bench.harness.stored import read_tables
-
-        objects, frames = read_tables(self.folder, histograms=False)
-        return objects.to_pandas(), frames.to_pandas().dropna(axis="columns", how="all")
+    def frames(self) -> pd.DataFrame:
+        """One row per image; columns as in `frames.parquet`, without histograms."""
+        return self.stored.frames().dropna(axis="columns", how="all")
 
     def flat(self) -> dict[str, float | str]:
         """Metrics, as "crossing.iou", and settings, as "settings.threshold", for a tracker of experiments."""
@@ -201,7 +194,7 @@ def run(
         fisheye-bench run demo
         fisheye-bench run tiny --method my_method:MyMethod --set threshold=0.5 --protocol surface-v1
     """
-    from bench.harness.run import parse_part, score_part
+    from bench.harness.run import parse_part, run_benchmark
 
     request = run_request(
         dataset,
@@ -221,7 +214,7 @@ def run(
         return score(request, executor=executor, pictures=pictures, remarks=remarks, progress=progress)
     title = f"scoring part {shard} of {request.card.name}"
     with console.resumable(request.folder), console.progress_bar(title, "images", progress) as report:
-        return Run(folder=request.folder, part=score_part(request, part, executor=executor, progress=report))
+        return Run(folder=request.folder, part=run_benchmark(request, part=part, executor=executor, progress=report))
 
 
 def run_request(
@@ -315,7 +308,7 @@ def score(
     runs: list[Run] = []
     with console.resumable(request.folder):
         with console.progress_bar(title, "images", progress) as report:
-            results = run_benchmark(request, executor=executor, progress=report)
+            results = run_benchmark(request, executor=executor, progress=report).results
         for stored in results:
             files, missing = [stored.folder / SUMMARY, *write_report_files(stored)], list[str]()
             if pictures:

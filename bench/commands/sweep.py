@@ -132,7 +132,7 @@ def sweep(
                 def share(done: float, of: int, before: int = number) -> None:
                     report(before + done / max(of, 1), len(requests))
 
-                (stored,) = run_benchmark(asked, executor=executor, progress=share)
+                (stored,) = run_benchmark(asked, executor=executor, progress=share).results
                 write_report_files(stored)
                 runs[value] = Run(folder=stored.folder)
     told = sweep_report(

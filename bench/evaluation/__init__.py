@@ -30,16 +30,16 @@ threshold follows.
 recording is left out of both at a time, so that what makes it hard cancels out.
 
 **A run may be larger than the memory.** Whole recordings are reduced to sums where their rows are, and the tables of
-sums are added: the same values to within rounding, whatever the order of the rows and the size of the parts.
+sums are added: the same values to within rounding, whatever the order of the rows and the size of the parts. What
+picks single objects or images, as pages and comparisons do, takes some hundred bytes of memory for each.
 
 The modules, in the order of the data: `protocol` (the rules, a versioned file with a digest), `counts` (region masks,
-counts, histograms and chance level of one image), `rows` (the two tables, and reading them in parts), `scorer` (a
-sequence of images to its tables). These decide a task; a
-change of the others, which reduce, computes no image again: `definitions` (every metric once), `sums` (one long table
-by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by place around the vehicle),
-`thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published` (the paper's
-numbers). The harness calls `SequenceScorer`, `sum_run` and `summary_of`; reporting and the gate read `Summary`, the
-table of sums, the rows and the maps.
+counts, histograms and chance level of one image), `rows` (the two tables), `scorer` (a sequence of images to its
+tables). These decide a task; a change of the others, which reduce, computes no image again: `definitions` (every metric
+once), `sums` (one long table by slice, recording and metric), `intervals`, `summary` (all metrics of a run), `maps` (by
+place around the vehicle), `thresholds` (metrics over all thresholds), `comparison` (two tables of sums), `published`
+(the paper's numbers). The harness calls `SequenceScorer`, `sum_run` and `summary_of`; reporting and the gate read
+`Summary`, the table of sums, the rows and the maps.
 
 Sources: Mariotti and Eising 2020, section IV; Chan et al. 2021 (SegmentMeIfYouCan) for the sharing of components;
 those of the intervals in their module; Holm 1979.

@@ -6,7 +6,7 @@ Whole recordings are left out, the same before and after, so that what makes a r
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ from bench.evaluation.intervals import (
     jackknife,
     ratio_without_each,
 )
-from bench.evaluation.rows import EVALUATED, OBJECT, RowSource, merge_rows, read_pairs, sort_rows
+from bench.evaluation.rows import OBJECT, merge_rows, sort_rows
 from bench.evaluation.sums import KEY, TERMS, name_slice
 
 SIGNIFICANCE = 0.05  # of p-values corrected after Holm
@@ -216,29 +216,28 @@ _MEASURED: dict[str, Callable[[pd.DataFrame], Any]] = {
     "iou": intersection_over_union,
 }
 CHANGES = [*OBJECT, *_OF_OBJECT, "change", *(f"{name}{side}" for name in _MEASURED for side in SIDES)]
-_READ = [*OBJECT, "status", *_OF_OBJECT, "tp", "fn", "fp"]
+COMPARED = [*OBJECT, *_OF_OBJECT, "tp", "fn", "fp"]
 
 
-def changes_in_parts(before: RowSource, after: RowSource, *, level: float = 0.0) -> Iterator[pd.DataFrame]:
-    """Set the object-frames that both of two runs evaluated side by side, some recordings at a time.
+def object_changes(before: pd.DataFrame, after: pd.DataFrame, *, level: float = 0.0) -> pd.DataFrame:
+    """Set the object-frames that both of two runs evaluated side by side.
 
     Args:
-        before: of `OBJECTS_SCHEMA`.
-        after: of `OBJECTS_SCHEMA`.
+        before: evaluated rows of `OBJECTS_SCHEMA`, at least the columns `COMPARED`.
+        after: the same of the other run.
         level: coverage from which on an object counts as detected; 0 for any pixel.
 
-    Yields:
+    Returns:
         Columns `CHANGES`, a row for each object-frame, by recording, camera, time and track. `change` is "gained" or
-        "lost" (the detection), "both" or "neither". At least one part, which may have no row.
+        "lost" (the detection), "both" or "neither".
     """
-    for sides in read_pairs(before, after, _READ):
-        rows = merge_rows(*(_measured(side, level) for side in sides), on=OBJECT)
-        was, is_now = rows["detected_before"], rows["detected_after"]
-        change = np.select([~was & is_now, was & ~is_now, was & is_now], ["gained", "lost", "both"], "neither")
-        same = {name: rows[f"{name}_before"] for name in _OF_OBJECT}
-        yield sort_rows(rows.assign(change=change, **same)[CHANGES], OBJECT)
+    rows = merge_rows(*(_measured(side, level) for side in (before, after)), on=OBJECT)
+    was, is_now = rows["detected_before"], rows["detected_after"]
+    change = np.select([~was & is_now, was & ~is_now, was & is_now], ["gained", "lost", "both"], "neither")
+    same = {name: rows[f"{name}_before"] for name in _OF_OBJECT}
+    return sort_rows(rows.assign(change=change, **same)[CHANGES], OBJECT)
 
 
 def _measured(objects: pd.DataFrame, level: float) -> pd.DataFrame:
-    rows = objects[objects["status"] == EVALUATED].assign(**_MEASURED)[[*OBJECT, *_OF_OBJECT, *_MEASURED]]
+    rows = objects.assign(**_MEASURED)[[*OBJECT, *_OF_OBJECT, *_MEASURED]]
     return rows.assign(detected=rows["detected"] & (rows["coverage"] >= level))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from bench.errors import DataError
 from bench.evaluation.definitions import coverage, detected
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, RowSource, read_parts
 from bench.records.reference import Direction
 
 # The limit is the camera's distance from the nearest return: to the vehicle's origin, and to the middle of a long
@@ -66,11 +65,14 @@ class RangeMaps:
     unplaced: int
 
 
-def range_maps(objects: RowSource, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
-    """Count the evaluated object-frames by class, direction and place, a few recordings in memory at a time.
+PLACED = ["object_class", "direction", "x_m", "y_m", "tp", "fn"]
+
+
+def range_maps(objects: pd.DataFrame, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
+    """Count the evaluated object-frames by class, direction and place.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`, rows in any order.
+        objects: evaluated rows of `OBJECTS_SCHEMA` in any order, at least the columns `PLACED`.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
         level: coverage from which on an object counts as detected; 0 for any pixel.
 
@@ -79,14 +81,10 @@ def range_maps(objects: RowSource, *, protocol: Protocol, level: float = 0.0) ->
     """
     cell_m = protocol.range_map.cell_m
     key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
-    parts = []
-    for part in read_parts(objects, ["status", "object_class", "direction", "x_m", "y_m", "tp", "fn"]):
-        rows = part[part["status"] == EVALUATED]
-        found = detected(rows) & (coverage(rows) >= level)
-        x, y = (np.floor(rows[name] / cell_m) for name in ("x_m", "y_m"))
-        placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
-        parts.append(placed.groupby(key, dropna=False).sum())
-    counted = pd.concat(parts).groupby(key, dropna=False).sum().astype(np.int64).reset_index()
+    found = detected(objects) & (coverage(objects) >= level)
+    x, y = (np.floor(objects[name] / cell_m) for name in ("x_m", "y_m"))
+    placed = objects.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
+    counted = placed.groupby(key, dropna=False).sum().astype(np.int64).reset_index()
     reached = abs(counted[["x", "y"]].to_numpy() + 0.5) + 0.5  # cells from the origin; NaN for masks, which tell none
     furthest_m = protocol.reference.range_limit_m + BEYOND_M
     if (reached > furthest_m / cell_m + 1).any():

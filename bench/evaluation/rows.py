@@ -1,17 +1,14 @@
-"""The two tables of a run: one row per annotated object in an image, one row per image; and how they are read.
+"""The two tables of a run: one row per annotated object in an image, one row per image.
 
-No metric needs rows of two recordings at once. So a run may be larger than the memory: its tables are read in parts of
-whole recordings.
-
-Methods that need a longer history score fewer images of each recording, and an image may fail for one method only. Runs
-compare on the images that all of them scored: `RowsOnCommonImages`.
+On disk they are `pyarrow` tables of these schemas, in memory data frames of pandas. No metric needs rows of two
+recordings at once: what would not fit into memory is read in parts of whole recordings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import fields
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -24,7 +21,6 @@ IMAGE = ["recording", "camera", "timestamp_ns"]
 OBJECT = [*IMAGE, "track_id"]
 EVALUATED, NOT_ANNOTATED = "evaluated", "not_annotated"
 IMAGE_STATUSES = (EVALUATED, "failed", "skipped", NOT_ANNOTATED)
-ROWS_AT_ONCE = 100_000  # in memory, unless one recording has more
 IMAGE_COLUMNS = [("recording", pa.string()), ("camera", pa.string()), ("timestamp_ns", pa.int64())]
 
 
@@ -65,18 +61,7 @@ FRAMES_SCHEMA = _schema(
     ],
     nullable={"problem", REFERENCE_COLUMN, OUTSIDE_COLUMN},
 )
-
-
-class RowSource(Protocol):
-    """A table of a run, wherever it lies."""
-
-    def recordings(self) -> Mapping[str, int]:
-        """Most rows that each recording can have, by name."""
-        ...
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-        """All rows of some recordings, as `to_frame` makes them, in any order."""
-        ...
+COLUMNS_OF_FRAMES = [name for name in FRAMES_SCHEMA.names if name not in {REFERENCE_COLUMN, OUTSIDE_COLUMN}]
 
 
 def to_frame(table: pa.Table) -> pd.DataFrame:
@@ -85,91 +70,9 @@ def to_frame(table: pa.Table) -> pd.DataFrame:
     return frame
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RowsOnCommonImages:
-    """The rows of a run that are of images which several runs scored.
-
-    Attributes:
-        rows: of the run.
-        frames: rows of `FRAMES_SCHEMA` of each of the runs.
-    """
-
-    rows: RowSource
-    frames: Sequence[RowSource]
-
-    def recordings(self) -> dict[str, int]:
-        """Most rows that each recording of all runs can have, by name."""
-        runs = [frames.recordings() for frames in self.frames]
-        return {name: count for name, count in self.rows.recordings().items() if all(name in run for run in runs)}
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-        """The rows of some recordings."""
-        rows = self.rows.read(recordings, list(dict.fromkeys([*columns, *IMAGE])))
-        for frames in self.frames:
-            images = frames.read(recordings, [*IMAGE, "status"])
-            rows = merge_rows(rows, images.loc[images["status"] == EVALUATED, IMAGE], on=IMAGE)
-        return rows[list(columns)]
-
-
 def merge_rows(one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str]) -> pd.DataFrame:
     """The rows whose key both have; columns that both have get the suffixes "_before" and "_after"."""
-    words = {name: object for name in on if name != "timestamp_ns"}  # two empty columns of Arrow's strings do not merge
-    sides = one.astype(words), other.astype(words)
-    return sides[0].merge(sides[1], on=list(on), suffixes=("_before", "_after"))
-
-
-def group_recordings(counts: Mapping[str, int], *, rows_at_once: int | None = None) -> list[list[str]]:
-    """Recordings in sorted order, so many together that their rows fit; one with more rows stands alone."""
-    groups: list[list[str]] = []
-    held = 0
-    for name in sorted(counts):
-        if not groups or held + counts[name] > (rows_at_once or ROWS_AT_ONCE):
-            groups.append([])
-            held = 0
-        groups[-1].append(name)
-        held += counts[name]
-    return groups
-
-
-def read_parts(rows: RowSource, columns: Sequence[str], *, rows_at_once: int | None = None) -> Iterator[pd.DataFrame]:
-    """Whole recordings in sorted order, a few at a time; one part without rows where there is none at all.
-
-    Args:
-        rows: of a run.
-        columns: to read.
-        rows_at_once: most rows of a part of several recordings; `ROWS_AT_ONCE` without it.
-    """
-    for names in group_recordings(rows.recordings(), rows_at_once=rows_at_once) or [[]]:
-        yield rows.read(names, columns)
-
-
-def read_pairs(
-    before: RowSource, after: RowSource, columns: Sequence[str]
-) -> Iterator[tuple[pd.DataFrame, pd.DataFrame]]:
-    """The rows of two runs of the recordings that both have, a few at a time; at least one part, maybe without rows."""
-    counts = before.recordings(), after.recordings()
-    shared = {name: max(rows, counts[1][name]) for name, rows in counts[0].items() if name in counts[1]}
-    for names in group_recordings(shared) or [[]]:
-        yield before.read(names, columns), after.read(names, columns)
-
-
-def count_rows(rows: RowSource) -> int:
-    """Count the rows, a few recordings at a time."""
-    return sum(len(part) for part in read_parts(rows, IMAGE))
-
-
-def pick(parts: Iterable[pd.DataFrame], choose: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
-    """Return the few rows that are chosen of all parts, with one part in memory at a time.
-
-    Args:
-        parts: at least one, in the order of their key, so that a stable sort leaves equals in it.
-        choose: of the rows that were chosen before and those of the next part.
-    """
-    found: pd.DataFrame | None = None
-    for part in parts:
-        found = choose(part if found is None else pd.concat([found, part], ignore_index=True))
-    assert found is not None, "there is at least one part"
-    return found
+    return one.merge(other, on=list(on), suffixes=("_before", "_after"))
 
 
 def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:

@@ -22,7 +22,6 @@ import pandas as pd
 
 from bench.atomic import open_regular, write_text
 from bench.errors import BenchError, DataError
-from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.definitions import (
     CAUSE,
     COUNTS,
@@ -34,21 +33,11 @@ from bench.evaluation.definitions import (
     object_metrics,
 )
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import (
-    EVALUATED,
-    FRAMES_SCHEMA,
-    IMAGE,
-    NOT_ANNOTATED,
-    OBJECT,
-    OBJECTS_SCHEMA,
-    RowSource,
-    read_parts,
-)
+from bench.evaluation.rows import EVALUATED, IMAGE, NOT_ANNOTATED, OBJECT
 
 ALL_MOVING, FRAMES, CATEGORY = "all_moving", "frames", "category"
 CLASS_AND_SPEED = "class_and_speed"
 KEY, TERMS = ["breakdown", "slice", "recording", "metric"], ["numerator", "denominator"]
-COLUMNS_OF_FRAMES = [name for name in FRAMES_SCHEMA.names if name not in {REFERENCE_COLUMN, OUTSIDE_COLUMN}]
 Breakdown = tuple[Sequence[str], Callable[[pd.DataFrame], "pd.Series[str]"]]
 
 
@@ -106,19 +95,19 @@ def object_breakdowns(protocol: Protocol, cameras: Sequence[str] = ()) -> dict[s
     }
 
 
-def sum_run(objects: RowSource, frames: RowSource, *, protocol: Protocol) -> pd.DataFrame:
-    """Reduce the tables of a run to sums, a few recordings in memory at a time.
+def sum_run(objects: Iterable[pd.DataFrame], frames: Iterable[pd.DataFrame], *, protocol: Protocol) -> pd.DataFrame:
+    """Reduce the tables of a run to sums, one part in memory at a time.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`.
-        frames: of `FRAMES_SCHEMA`.
+        objects: of `OBJECTS_SCHEMA`, in parts of whole recordings.
+        frames: of `FRAMES_SCHEMA`, likewise, at least `COLUMNS_OF_FRAMES`.
         protocol: that the run was made with.
 
     Returns:
         The table of sums, columns `KEY` and `TERMS`.
     """
-    of_objects = [sum_objects(rows, protocol=protocol) for rows in read_parts(objects, OBJECTS_SCHEMA.names)]
-    of_frames = [sum_frames(rows, protocol=protocol) for rows in read_parts(frames, COLUMNS_OF_FRAMES)]
+    of_objects = [sum_objects(rows, protocol=protocol) for rows in objects]
+    of_frames = [sum_frames(rows, protocol=protocol) for rows in frames]
     return add_sums([*of_objects, *of_frames])
 
 

@@ -6,7 +6,7 @@ under it and the false-positive rate at 95 % recall are those of masks at these 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,11 +16,11 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.evaluation.counts import BINS, OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.intervals import FEWEST_RECORDINGS, RATIO, jackknife
-from bench.evaluation.rows import RowSource, read_parts
 from bench.evaluation.summary import Metric
 
 IMAGES_AT_ONCE = 4096  # 10 MB of histograms
 HISTOGRAMS = REFERENCE_COLUMN, OUTSIDE_COLUMN
+HISTOGRAM_COLUMNS = ["recording", "width", "height", *HISTOGRAMS]
 BIN_COLUMNS = [f"{name}_{number}" for name in HISTOGRAMS for number in range(BINS)]
 Histograms = NDArray[np.float64]
 
@@ -39,11 +39,11 @@ class ThresholdSweep:
     false_positive_coverage: NDArray[np.float64]
 
 
-def threshold_sweep(frames: RowSource) -> ThresholdSweep | None:
-    """Take the metrics at every edge, a few recordings in memory at a time.
+def threshold_sweep(frames: Iterable[pd.DataFrame]) -> ThresholdSweep | None:
+    """Take the metrics at every edge, one part in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order.
+        frames: as of `sum_histograms`.
 
     Returns:
         None for a method without a likelihood.
@@ -79,11 +79,11 @@ class ThresholdFreeMetrics(BaseModel):
     images: int
 
 
-def threshold_free_metrics(frames: RowSource) -> ThresholdFreeMetrics | None:
-    """Take the metrics, a few recordings in memory at a time.
+def threshold_free_metrics(frames: Iterable[pd.DataFrame]) -> ThresholdFreeMetrics | None:
+    """Take the metrics, one part in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order; the histograms null where there is none.
+        frames: as of `sum_histograms`.
 
     Returns:
         None for a method without a likelihood.
@@ -104,18 +104,19 @@ def threshold_free_metrics(frames: RowSource) -> ThresholdFreeMetrics | None:
     )
 
 
-def sum_histograms(frames: RowSource) -> pd.DataFrame:
-    """Sum the histograms of the images with a likelihood, a few recordings in memory at a time.
+def sum_histograms(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Sum the histograms of the images with a likelihood, one part in memory at a time.
 
     Args:
-        frames: of `FRAMES_SCHEMA`, rows in any order.
+        frames: rows of `FRAMES_SCHEMA` in any order, at least `HISTOGRAM_COLUMNS`, in parts of whole recordings; the
+            histograms null where there is none.
 
     Returns:
         One row for each recording and area of its images, index `recording` and `area_px`: `images`, and the sums of
         both histograms, `BIN_COLUMNS`, whole numbers.
     """
     parts = []
-    for rows in read_parts(frames, ["recording", "width", "height", *HISTOGRAMS], rows_at_once=IMAGES_AT_ONCE):
+    for rows in frames:
         held = rows[rows[REFERENCE_COLUMN].notna()]
         key = [held["recording"].rename("recording"), (held["width"] * held["height"]).rename("area_px")]
         bins = [np.array(held[name].tolist(), dtype=np.float64).reshape(-1, BINS) for name in HISTOGRAMS]

@@ -9,25 +9,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from bench.atomic import open_regular
 from bench.errors import BenchError, DataError
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import FRAMES_SCHEMA, IMAGE, OBJECT, OBJECTS_SCHEMA, to_frame
+from bench.evaluation.rows import COLUMNS_OF_FRAMES, FRAMES_SCHEMA, IMAGE, OBJECT, OBJECTS_SCHEMA, to_frame
 from bench.evaluation.scorer import SequenceScorer
-from bench.harness.answers import FAILED, Answer, is_answered, name_of, read_table, segmentation_of, write_table
+from bench.harness.answers import (
+    FAILED,
+    Answer,
+    is_answered,
+    name_of,
+    read_table,
+    safe_name,
+    segmentation_of,
+    write_table,
+)
 from bench.harness.exact import read_exact_mask
 from bench.harness.references import StoredReference, message_without_root, reference_of
 from bench.recordings import ImageRef, Recording
 
 COUNTS = "counts"
 OBJECTS, FRAMES = ".objects.parquet", ".frames.parquet"
+TableName = Literal["objects", "frames"]
+TABLES = {"objects": (OBJECTS_SCHEMA, OBJECT), "frames": (FRAMES_SCHEMA, IMAGE)}  # and the key of a row
+COLUMNS = {"objects": OBJECTS_SCHEMA.names, "frames": COLUMNS_OF_FRAMES}  # that are read unless others are named
+ROWS_AT_ONCE = 100_000  # in memory, or one recording
 REMOVE = "remove the file, and run again"
 
 
@@ -92,73 +103,64 @@ def counts_mark(results: Path, place: str) -> Path:
     return results / COUNTS / f"{place}{FRAMES}"
 
 
-class StoredRows:
-    """A table of a run on disk, read a few recordings at a time.
-
-    Its files must be of the schema and have each row once; whether its numbers are right says `verify`.
+def read_counts(results: Path, table: TableName, recording: str, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """Read the counts of a recording. Files must be of the schema and hold each row once; `verify` tells the rest.
 
     Args:
-        folder: of the counts.
-        suffix: of the files of the table.
-        schema: that they are of.
+        results: folder of the run's protocol.
+        table: which.
+        recording: name; no rows of one that is not there.
+        columns: of the table; None for `COLUMNS`.
 
     Raises:
-        DataError: missing, damaged, or without a column.
+        DataError: damaged, or without a column.
     """
-
-    def __init__(self, folder: Path, suffix: str, schema: pa.Schema) -> None:
-        self._schema, self._key = schema, OBJECT if suffix == OBJECTS else IMAGE
-        self._files: dict[str, list[Path]] = {}
-        for file in sorted(folder.glob(f"*/*{suffix}")):
-            self._files.setdefault(name_of(file.parent.name), []).append(file)
-        if not self._files:
-            raise DataError(folder, expected=f"counts of a run (<recording>/*{suffix})", got="none", hint="run again")
-        self._rows = {name: sum(self._length(file) for file in files) for name, files in self._files.items()}
-
-    def recordings(self) -> dict[str, int]:
-        """Rows of each recording, by name."""
-        return self._rows
-
-    def read(self, recordings: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-        """All rows of some recordings, in the order of the files."""
-        return to_frame(self.table(columns, recordings))
-
-    def table(self, columns: Sequence[str], recordings: Sequence[str] | None = None) -> pa.Table:
-        """Some columns of some recordings, or of all of it, in memory."""
-        chosen = [*self._files] if recordings is None else recordings
-        schema = pa.schema([self._schema.field(name) for name in columns])
-        tables = [schema.empty_table()]
-        for file in [file for name in chosen for file in self._files.get(name, ())]:
-            with _readable(file):
-                tables.append(read_table(file, columns=list(columns)).cast(schema))
-        rows = pa.concat_tables(tables)
-        if set(self._key) <= set(columns) and rows.group_by(self._key).aggregate([]).num_rows < len(rows):
-            where = f"recordings {', '.join(chosen)}"
-            raise DataError(where, field=", ".join(self._key), expected="each row once", got="one twice", hint=REMOVE)
-        return rows
-
-    def _length(self, file: Path) -> int:
-        with _readable(file), open_regular(file) as content:
-            return int(pq.read_metadata(content).num_rows)
+    whole, key = TABLES[table]
+    schema = pa.schema([whole.field(name) for name in (COLUMNS[table] if columns is None else columns)])
+    tables = [schema.empty_table()]
+    for file in sorted((results / COUNTS / safe_name(recording)).glob(f"*.{table}.parquet")):
+        try:
+            tables.append(read_table(file, columns=schema.names).cast(schema))
+        except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: null where none may be
+            got = " ".join(str(error).split())[:200]
+            raise DataError(file, expected="counts of a run", got=got, hint=REMOVE) from error
+    rows = to_frame(pa.concat_tables(tables))
+    if set(key) <= set(schema.names) and rows.duplicated(key).any():
+        expected, got = "each row once", "one twice"
+        raise DataError(f"recording {recording}", field=", ".join(key), expected=expected, got=got, hint=REMOVE)
+    return rows
 
 
-def open_tables(folder: Path) -> tuple[StoredRows, StoredRows]:
-    """The run's objects and frames, to be read a part at a time.
+def stored_recordings(results: Path) -> list[str]:
+    """Names of the recordings of which there are counts, sorted.
+
+    Raises:
+        DataError: there are none.
+    """
+    names = {name_of(file.parent.name) for file in (results / COUNTS).glob(f"*/*{FRAMES}")}
+    if not names:
+        expected = f"counts of a run (<recording>/*{FRAMES})"
+        raise DataError(results / COUNTS, expected=expected, got="none", hint="run again")
+    return sorted(names)
+
+
+def read_parts(
+    results: Path, table: TableName, columns: Sequence[str] | None = None, *, rows_at_once: int | None = None
+) -> Iterator[pd.DataFrame]:
+    """Read counts, so many whole recordings at a time that a run may be larger than the memory.
 
     Args:
-        folder: of the run's protocol.
+        results: folder of the run's protocol.
+        table: which.
+        columns: of it; None for `COLUMNS`.
+        rows_at_once: from which on a part is full; `ROWS_AT_ONCE` without it.
 
     Raises:
-        DataError: missing, damaged, or without a column; damage further inside is met on reading.
+        DataError: as `read_counts`, or there are none.
     """
-    counts = folder / COUNTS
-    return StoredRows(counts, OBJECTS, OBJECTS_SCHEMA), StoredRows(counts, FRAMES, FRAMES_SCHEMA)
-
-
-@contextmanager
-def _readable(file: Path) -> Iterator[None]:
-    try:
-        yield
-    except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: null where none may be
-        got = " ".join(str(error).split())[:200]
-        raise DataError(file, expected="counts of a run", got=got, hint=REMOVE) from error
+    held: list[pd.DataFrame] = []
+    for name in (names := stored_recordings(results)):
+        held.append(read_counts(results, table, name, columns))
+        if name == names[-1] or sum(map(len, held)) >= (rows_at_once or ROWS_AT_ONCE):
+            yield pd.concat(held, ignore_index=True)
+            held.clear()

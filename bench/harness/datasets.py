@@ -14,6 +14,7 @@ from bench.errors import BenchError, UnknownNameError
 from bench.evaluation.counts import count_frame
 from bench.evaluation.protocol import load_protocol
 from bench.harness.answers import is_answered, segmentation_of
+from bench.harness.counts import read_counts
 from bench.harness.exact import read_exact_mask
 from bench.harness.frames import FramePipeline, InputOnly, ProcessedFrame, UnscorableFrame
 from bench.harness.stored import StoredRun, find_answer
@@ -269,5 +270,5 @@ class StoredFrames:
         return frame
 
     def _read_counts(self, recording: str) -> dict[tuple[str, int], list[int]]:
-        rows = self._run.frames.read([recording], ["camera", "timestamp_ns", *COMPARED])
+        rows = read_counts(self._run.folder, "frames", recording, ["camera", "timestamp_ns", *COMPARED])
         return {(camera, timestamp_ns): counts for camera, timestamp_ns, *counts in rows.to_numpy().tolist()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,8 +18,6 @@ from time import perf_counter
 from bench.atomic import folder_lock, is_temporary, make_folder
 from bench.errors import BenchError, DataError, OutputError, UsageError
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.summary import Summary, not_annotated, summary_of
-from bench.evaluation.sums import sum_run, write_sums
 from bench.execution import FailedTask, Progress, SerialExecutor, TaskExecutor, compute_all
 from bench.flow.dense import evict_flow, memoise_flow
 from bench.harness.answers import (
@@ -34,7 +32,7 @@ from bench.harness.answers import (
     safe_name,
     write_answers,
 )
-from bench.harness.counts import COUNTS, count_answers, counts_mark, open_tables, write_counts
+from bench.harness.counts import COUNTS, count_answers, counts_mark, write_counts
 from bench.harness.digests import digest_recording
 from bench.harness.exact import is_oracle
 from bench.harness.frames import FramePipeline, UnscorableFrame
@@ -56,12 +54,10 @@ from bench.harness.references import StoredReference, evict_cache, find_referenc
 from bench.harness.stored import (
     RESULT_FILES,
     SUMMARY,
-    SUMS,
     Provenance,
     StoredRun,
-    failed_images,
     provenance_since,
-    write_run,
+    write_results,
 )
 from bench.methods import Scorable
 from bench.methods.contract import own_copy
@@ -191,19 +187,39 @@ class PlannedRecording:
     reviewed: bool = True
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ScoredPart:
+    """The tasks of a run, or of a part of one, done.
+
+    Attributes:
+        results: by each protocol; none of a part.
+        failures: one line for each recording and task that could not be used.
+        tasks: how many this part has.
+        done: how many of these have results.
+        tasks_of_run: how many all parts have together.
+        provenance: how the answers came about; no image is scored yet.
+    """
+
+    results: Sequence[StoredRun]
+    failures: Sequence[str]
+    tasks: int
+    done: int
+    tasks_of_run: int
+    provenance: Provenance
+
+
 def run_benchmark(
-    request: RunRequest,
-    *,
-    executor: TaskExecutor = SERIAL,
-    progress: Progress | None = None,
-) -> list[StoredRun]:
+    request: RunRequest, *, part: Part = WHOLE, executor: TaskExecutor = SERIAL, progress: Progress | None = None
+) -> ScoredPart:
     """Score a method on a data set by one or several protocols, and store what it answered, counted and summed.
 
     What is there already of the same run is not computed again: the method is asked once for any number of protocols,
-    and an interrupted run, or parts of this one, go on where they were.
+    and an interrupted run, or parts of this one, go on where they were. Parts may work at the same time, in one folder;
+    from others, the folders are copied together.
 
     Args:
         request: the run.
+        part: which of its tasks; without the others nothing is summed.
         executor: computes the tasks; the result does not depend on it.
         progress: called with the images done and their number, which is 0 while none is known.
 
@@ -216,64 +232,8 @@ def run_benchmark(
             that is no run or is in use by another one, or there is no space for the results.
         UsageError: the method cannot be copied for each task, or other processes cannot import it.
     """
-    with _scored(request, WHOLE, executor, progress) as scored:
-        return [_write_results(results, protocol, request, scored) for results, protocol in request.results.items()]
-
-
-def score_part(
-    request: RunRequest, part: Part, *, executor: TaskExecutor = SERIAL, progress: Progress | None = None
-) -> ScoredPart:
-    """Take a part of the tasks of a run through all stages; `run_benchmark` finds them done.
-
-    Parts may work at the same time, in one folder; from others, the folders are copied together.
-
-    Args:
-        request: the run.
-        part: which tasks.
-        executor: computes them.
-        progress: as of `run_benchmark`.
-
-    Raises:
-        DataError, UsageError: as `run_benchmark`, but for a part of which nothing could be used.
-    """
-    with _scored(request, part, executor, progress) as scored:
-        return scored
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ScoredPart:
-    """The tasks of a part of a run, done.
-
-    Attributes:
-        manifest: of the answers.
-        recordings: of the data set.
-        failures: one line for each recording and task that could not be used.
-        tasks: how many this part has.
-        done: how many of these have results.
-        tasks_of_run: how many all parts have together.
-        provenance: how the answers came about; no image is scored yet.
-    """
-
-    manifest: AnswersManifest
-    recordings: Sequence[PlannedRecording]
-    failures: Sequence[str]
-    tasks: int
-    done: int
-    tasks_of_run: int
-    provenance: Provenance
-
-
-@contextmanager
-def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: Progress | None) -> Iterator[ScoredPart]:
-    """Hold the folder of a run and take a part of its tasks through all stages."""
     start_s, handles, alone = perf_counter(), request.recordings(), part == WHOLE  # before anything is written
-    own_copy(request.method)
-    method = MethodOfRun.of(request.method, asked=request.settings)
-    if not (method.is_identified or isinstance(executor, SerialExecutor)):
-        raise UsageError(
-            f"method {method.name!r}: expected code that other processes can import, got {method.place}, which no file "
-            f"holds; put it into a file, or score with one worker"
-        )
+    method = _identify(request, executor)
     make_folder(request.folder)
     with folder_lock(request.folder, shared=not alone, wait=False), executor:
         refuse_foreign(request.folder)
@@ -284,22 +244,38 @@ def _scored(request: RunRequest, part: Part, executor: TaskExecutor, progress: P
         tasks_of_run = [task for recording in recordings for task in recording.tasks]
         tasks = tasks_of_run[part[0] - 1 :: part[1]]
         try:
-            images_asked, failures = _process_all(request, manifest, tasks, executor, progress)
+            images_asked, failed = _process_all(request, manifest, tasks, executor, progress)
         finally:
             if alone:  # a worker, or a run before, may have been killed while it wrote, and nobody else writes here
                 _remove(*(entry for entry in request.folder.rglob(".*") if is_temporary(entry.name)))
         evict_cache()
         if request.flow_cache is not None:
             evict_flow(request.flow_cache)
-        yield ScoredPart(
-            manifest=manifest,
-            recordings=recordings,
-            failures=[*filter(None, (recording.failure for recording in recordings)), *failures],
+        scored = ScoredPart(
+            results=(),
+            failures=[*filter(None, (recording.failure for recording in recordings)), *failed],
             tasks=len(tasks),
-            done=len(tasks) - len(failures),
+            done=len(tasks) - len(failed),
             tasks_of_run=len(tasks_of_run),
             provenance=provenance_since(start_s, images_asked=images_asked, workers=executor.workers),
         )
+        return replace(scored, results=_reduce(request, manifest, recordings, scored)) if alone else scored
+
+
+def _identify(request: RunRequest, executor: TaskExecutor) -> MethodOfRun:
+    """The method, which each task gets a copy of.
+
+    Raises:
+        UsageError: it cannot be copied, or other processes cannot import it.
+    """
+    own_copy(request.method)
+    method = MethodOfRun.of(request.method, asked=request.settings)
+    if not (method.is_identified or isinstance(executor, SerialExecutor)):
+        raise UsageError(
+            f"method {method.name!r}: expected code that other processes can import, got {method.place}, which no file "
+            f"holds; put it into a file, or score with one worker"
+        )
+    return method
 
 
 def _plan(request: RunRequest, handles: Sequence[RecordingHandle], executor: TaskExecutor) -> list[PlannedRecording]:
@@ -430,47 +406,40 @@ def _remove(*places: Path) -> None:
             place.unlink(missing_ok=True)
 
 
-def _write_results(results: Path, protocol: Protocol, request: RunRequest, scored: ScoredPart) -> StoredRun:
-    """Reduce the counts of a run to its sums and its summary.
+def _reduce(
+    request: RunRequest, manifest: AnswersManifest, recordings: Sequence[PlannedRecording], scored: ScoredPart
+) -> list[StoredRun]:
+    """Reduce the counts of a run to its results by each protocol.
 
     Raises:
         DataError: counts are damaged, or nothing could be used.
     """
-    failures = [*scored.failures]
     if not scored.done:
-        got = "; ".join(failures) or "no image to score"
+        got = "; ".join(scored.failures) or "no image to score"
         where = f"data set {request.card.name!r}, method {request.method.name!r}"
         raise DataError(where, expected="a recording that can be used", got=got)
-    objects, frames = open_tables(results)
-    problems = failed_images(frames)
-    sums = sum_run(objects, frames, protocol=protocol)
-    write_sums(sums, results / SUMS)
-    metrics = summary_of(sums, protocol=protocol)
-    if not (metrics.images.evaluated or metrics.images.not_annotated or problems):
-        reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
-        failures.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
-    outlines = [recording.vehicle_outline_m for recording in scored.recordings if recording.vehicle_outline_m]
-    return write_run(
-        results,
-        metrics,
-        manifest=scored.manifest.by(protocol),
-        protocol=protocol,
-        provenance=scored.provenance.model_copy(
-            update={"images": metrics.images.evaluated + metrics.images.not_annotated}
-        ),
-        failures=[*failures, *problems],
-        caveats=_caveats(request, metrics, scored.recordings),
-        vehicle_outline_m=outlines[-1] if outlines else (),
-    )
+    outlines = [recording.vehicle_outline_m for recording in recordings if recording.vehicle_outline_m]
+    return [
+        write_results(
+            results,
+            manifest=manifest.by(protocol),
+            protocol=protocol,
+            provenance=scored.provenance,
+            failures=scored.failures,
+            caveats=[*_caveats(request, recordings)],
+            vehicle_outline_m=outlines[-1] if outlines else (),
+        )
+        for results, protocol in request.results.items()
+    ]
 
 
-def _caveats(request: RunRequest, metrics: Summary, recordings: Sequence[PlannedRecording]) -> str:
-    """Caveats for a reader: annotations not there or not reviewed, those of the data, errors of the method's input."""
-    proposed = sum(not one.reviewed for one in recordings)
-    unreviewed = f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)." if proposed else ""
-    told = [f"{name} {error:g}" for name, error in request.input_errors.named.items()]
-    errors = f"The method was told errors of its input: {', '.join(told)}." if told else ""
-    return "\n".join(filter(None, (unreviewed, not_annotated(metrics), request.card.content.caveats, errors)))
+def _caveats(request: RunRequest, recordings: Sequence[PlannedRecording]) -> Iterator[str]:
+    """Caveats for a reader: annotations that were not reviewed, those of the card, errors of the method's input."""
+    if proposed := sum(not one.reviewed for one in recordings):
+        yield f"{NOT_REVIEWED} ({proposed} of {len(recordings)} recordings)."
+    yield request.card.content.caveats
+    if told := [f"{name} {error:g}" for name, error in request.input_errors.named.items()]:
+        yield f"The method was told errors of its input: {', '.join(told)}."
 
 
 def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecording:
@@ -480,7 +449,6 @@ def plan_recording(method: Scorable, handle: RecordingHandle) -> PlannedRecordin
         digest = digest_recording(recording)
     except BenchError as error:
         return PlannedRecording(name=handle.name, failure=f"recording {handle.name!r}: {error}")
-    _keep(handle, digest, recording)
     return PlannedRecording(
         name=handle.name,
         tasks=tuple(cut_tasks(handle, recording, digest, method)),
@@ -636,13 +604,8 @@ _last: tuple[object, Recording] | None = None  # that was opened; tasks of a rec
 
 
 def _open(handle: RecordingHandle, digest: str) -> Recording:
-    last = _last
-    if last is not None and last[0] == (handle.name, digest, handle.input_errors):
-        return last[1]
-    return _keep(handle, digest, handle.open())
-
-
-def _keep(handle: RecordingHandle, digest: str, recording: Recording) -> Recording:
     global _last
-    _last = (handle.name, digest, handle.input_errors), recording
-    return recording
+    key = handle.name, digest, handle.input_errors
+    if _last is None or _last[0] != key:
+        _last = key, handle.open()
+    return _last[1]

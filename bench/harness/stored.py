@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -31,25 +31,17 @@ from pydantic import BaseModel, ConfigDict
 
 from bench.atomic import write_text
 from bench.errors import DataError, UsageError
-from bench.evaluation.counts import OUTSIDE_COLUMN, REFERENCE_COLUMN
 from bench.evaluation.protocol import Protocol, load_protocol
-from bench.evaluation.rows import (
-    FRAMES_SCHEMA,
-    IMAGE,
-    OBJECTS_SCHEMA,
-    RowsOnCommonImages,
-    RowSource,
-    read_parts,
-    sort_rows,
-)
-from bench.evaluation.summary import Summary, summary_of
-from bench.evaluation.sums import read_sums, sum_run
-from bench.evaluation.thresholds import ThresholdFreeMetrics, threshold_free_metrics
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, merge_rows, sort_rows
+from bench.evaluation.summary import Summary, not_annotated, summary_of
+from bench.evaluation.sums import read_sums, sum_run, write_sums
+from bench.evaluation.thresholds import HISTOGRAM_COLUMNS, IMAGES_AT_ONCE, ThresholdFreeMetrics, threshold_free_metrics
 from bench.execution import largest_resident_mb
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
-from bench.harness.counts import COUNTS, open_tables
+from bench.harness.counts import COLUMNS, COUNTS, TABLES, TableName, read_parts
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, write_manifest
+from bench.plain_text import listed
 from bench.recordings.annotations import NOT_REVIEWED
 from bench.recordings.validation import read_json
 
@@ -62,12 +54,13 @@ RESULT_FILES = (
 )
 
 # What the reference alone decides, in whole numbers and words: no floats, whose text could differ between versions.
-REFERENCE_OF_OBJECTS = (
-    *("recording", "camera", "timestamp_ns", "track_id", "object_class", "status", "reason", "category", "direction"),
-    *("points", "polygon_px", "region_px"),
-)
-REFERENCE_OF_FRAMES = ("recording", "camera", "timestamp_ns", "status", "valid_px", "reference_px", "ignored_px")
-HISTOGRAMS = {REFERENCE_COLUMN, OUTSIDE_COLUMN}
+REFERENCE_COLUMNS: dict[TableName, list[str]] = {
+    "objects": [
+        *OBJECT,
+        *("object_class", "status", "reason", "category", "direction", "points", "polygon_px", "region_px"),
+    ],
+    "frames": [*IMAGE, "status", "valid_px", "reference_px", "ignored_px"],
+}
 
 
 class Provenance(BaseModel):
@@ -137,40 +130,19 @@ class RunSummary(Summary):
         return next((line for line in self.caveats.splitlines() if line.startswith(NOT_REVIEWED)), "")
 
 
-def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
-    """The run's objects and frames, whole, in memory; `open_tables` reads runs of any size.
+def reference_digest(parts: Callable[[TableName, Sequence[str]], Iterator[pd.DataFrame]]) -> str:
+    """SHA-256 over the columns that the method has no part in, some recordings in memory at a time.
 
     Args:
-        run: folder of the run, or of its results by a protocol.
-        histograms: with those over the likelihood, which take ten times the rest of a frame's row.
-
-    Raises:
-        DataError: missing or damaged.
+        parts: reads a table, as `StoredRun.parts`.
     """
-    objects, frames = open_tables(results_folder(run))
-    names = [name for name in FRAMES_SCHEMA.names if histograms or name not in HISTOGRAMS]
-    return objects.table(OBJECTS_SCHEMA.names), frames.table(names)
-
-
-def failed_images(frames: RowSource) -> list[str]:
-    """One line for each image that could not be used, in the order of recording, camera and time."""
-    failed = []
-    for rows in read_parts(frames, [*IMAGE, "status", "problem"]):
-        failed += sort_rows(rows[rows["status"] == FAILED], IMAGE)["problem"].tolist()
-    return failed
-
-
-def reference_digest(objects: RowSource, frames: RowSource) -> str:
-    """SHA-256 over the columns that the method has no part in, some recordings in memory at a time."""
     digest = hashlib.sha256()
-    for rows, whole, columns, key in (
-        (objects, OBJECTS_SCHEMA, REFERENCE_OF_OBJECTS, REFERENCE_OF_OBJECTS[:4]),
-        (frames, FRAMES_SCHEMA, REFERENCE_OF_FRAMES, REFERENCE_OF_FRAMES[:3]),
-    ):
+    for table, columns in REFERENCE_COLUMNS.items():
+        whole, key = TABLES[table]
         schema = pa.schema([whole.field(name) for name in columns])
         digest.update(_csv(schema.empty_table(), heading=True))
-        for part in read_parts(rows, columns):
-            digest.update(_csv(pa.Table.from_pandas(sort_rows(part, key), schema, preserve_index=False), heading=False))
+        for rows in parts(table, columns):
+            digest.update(_csv(pa.Table.from_pandas(sort_rows(rows, key), schema, preserve_index=False), heading=False))
     return digest.hexdigest()
 
 
@@ -187,7 +159,7 @@ class StoredRun:
         manifest: what the run is.
         summary: its metrics, and how they came about.
         protocol: its rules.
-        common: frames of the runs whose common images it is of; empty for all of its own.
+        common: the images that it is of, columns `IMAGE`; None for all of its own.
     """
 
     folder: Path
@@ -195,34 +167,48 @@ class StoredRun:
     manifest: Manifest
     summary: RunSummary
     protocol: Protocol
-    common: Sequence[RowSource] = ()
+    common: pd.DataFrame | None = None
 
-    @cached_property
-    def _tables(self) -> Sequence[RowSource]:
-        tables = open_tables(self.folder)
-        return [RowsOnCommonImages(rows, self.common) for rows in tables] if self.common else tables
+    def parts(
+        self, table: TableName, columns: Sequence[str] | None = None, *, rows_at_once: int | None = None
+    ) -> Iterator[pd.DataFrame]:
+        """The rows of a table, some whole recordings at a time, as of `read_parts`."""
+        names = list(COLUMNS[table] if columns is None else columns)
+        if self.common is None:
+            yield from read_parts(self.folder, table, names, rows_at_once=rows_at_once)
+            return
+        for rows in read_parts(self.folder, table, list(dict.fromkeys([*names, *IMAGE])), rows_at_once=rows_at_once):
+            yield merge_rows(rows, self.common, on=IMAGE)[names]
 
-    @property
-    def objects(self) -> RowSource:
-        """Rows of `OBJECTS_SCHEMA`, on disk."""
-        return self._tables[0]
+    def objects(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """Rows of `OBJECTS_SCHEMA`, in memory."""
+        return pd.concat(self.parts("objects", columns), ignore_index=True)
 
-    @property
-    def frames(self) -> RowSource:
-        """Rows of `FRAMES_SCHEMA`, on disk."""
-        return self._tables[1]
+    def frames(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """Rows of `FRAMES_SCHEMA`, in memory; without the histograms unless these are named."""
+        return pd.concat(self.parts("frames", columns), ignore_index=True)
+
+    def evaluated(self, table: TableName, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """The evaluated rows of a table, in memory."""
+        names = list(COLUMNS[table] if columns is None else columns)
+        parts = self.parts(table, list(dict.fromkeys([*names, "status"])))
+        return pd.concat([rows.loc[rows["status"] == EVALUATED, names] for rows in parts], ignore_index=True)
+
+    def histograms(self) -> Iterator[pd.DataFrame]:
+        """The columns of frames that `bench.evaluation.thresholds` reads, some whole recordings at a time."""
+        return self.parts("frames", HISTOGRAM_COLUMNS, rows_at_once=IMAGES_AT_ONCE)
 
     @cached_property
     def sums(self) -> pd.DataFrame:
         """Table of sums: as it is stored, or of the rows that were chosen."""
-        if not self.common:
+        if self.common is None:
             return read_sums(self.folder / SUMS)
-        return sum_run(self.objects, self.frames, protocol=self.protocol)
+        return sum_run(self.parts("objects"), self.parts("frames"), protocol=self.protocol)
 
     @cached_property
     def metrics(self) -> Summary:
         """Metrics of these rows; the summary itself for all of them."""
-        return summary_of(self.sums, protocol=self.protocol) if self.common else self.summary
+        return summary_of(self.sums, protocol=self.protocol) if self.common is not None else self.summary
 
     @property
     def answers(self) -> Path:
@@ -312,42 +298,52 @@ def refuse_unscored(summary: RunSummary, run: Path) -> None:
         raise UsageError(f"{run}: expected a run with scores, got one of data that are not annotated")
 
 
-def write_run(
+def write_results(
     folder: Path,
-    metrics: Summary,
     *,
     manifest: Manifest,
     protocol: Protocol,
     provenance: Provenance,
     failures: Sequence[str] = (),
-    caveats: str = "",
+    caveats: Sequence[str] = (),
     vehicle_outline_m: tuple[tuple[float, float], ...] = (),
 ) -> StoredRun:
-    """Write the small files of results, whose counts and sums lie in their folder; NaN becomes null.
+    """Reduce the counts of a run to its sums and its summary, and store what they are of; NaN becomes null.
 
     Args:
         folder: of the results.
-        metrics: of the counts.
         manifest: what the run is, but for the digest of its reference.
         protocol: its rules.
-        provenance: as in `RunSummary`, like what follows.
-        failures: one line each.
-        caveats: of the data.
-        vehicle_outline_m: of the ego vehicle.
+        provenance: how the answers came about.
+        failures: one line for each recording and task that could not be used; those of images are added.
+        caveats: of the data, in lines.
+        vehicle_outline_m: as in `RunSummary`.
+
+    Raises:
+        DataError: counts are damaged.
     """
-    objects, frames = open_tables(folder)
-    manifest = manifest.model_copy(update={"reference": reference_digest(objects, frames)})
-    write_text(folder / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
-    write_manifest(folder / MANIFEST, manifest)
+    sums = sum_run(read_parts(folder, "objects"), read_parts(folder, "frames"), protocol=protocol)
+    metrics = summary_of(sums, protocol=protocol)
+    scored, told = metrics.images.evaluated + metrics.images.not_annotated, [*failures]
+    rows = pd.concat(read_parts(folder, "frames", [*IMAGE, "status", "problem"]))
+    problems = sort_rows(rows[rows["status"] == FAILED], IMAGE)["problem"].tolist()
+    if not (scored or problems):
+        reasons = [f"{problem} ({count})" for problem, count in metrics.images.problems.items()]
+        told.append(f"no image was scored; {listed(reasons)}" if reasons else "no image was scored")
+    manifest = manifest.model_copy(update={"reference": reference_digest(partial(read_parts, folder))})
+    histograms = read_parts(folder, "frames", HISTOGRAM_COLUMNS, rows_at_once=IMAGES_AT_ONCE)
     summary = RunSummary(
         **{name: getattr(metrics, name) for name in type(metrics).model_fields},
         schema_version=1,
-        provenance=provenance,
+        provenance=provenance.model_copy(update={"images": scored}),
         vehicle_outline_m=vehicle_outline_m,
-        failures=tuple(failures),
-        caveats=caveats,
-        threshold_free=threshold_free_metrics(frames),
+        failures=(*told, *problems),
+        caveats="\n".join(filter(None, (not_annotated(metrics), *caveats))),
+        threshold_free=threshold_free_metrics(histograms),
     )
+    write_sums(sums, folder / SUMS)
+    write_text(folder / PROTOCOL, protocol.model_dump_json(indent=1, exclude_unset=True) + "\n")
+    write_manifest(folder / MANIFEST, manifest)
     write_text(folder / SUMMARY, summary.model_dump_json(indent=1) + "\n")
     return StoredRun(folder=folder, label=run_name(folder), manifest=manifest, summary=summary, protocol=protocol)
 

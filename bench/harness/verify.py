@@ -17,10 +17,10 @@ import pandas as pd
 
 from bench.atomic import write_text
 from bench.errors import OutputError
-from bench.evaluation.rows import FRAMES_SCHEMA, IMAGE, OBJECT, OBJECTS_SCHEMA, RowSource
 from bench.evaluation.sums import KEY
 from bench.execution import Progress, TaskExecutor
 from bench.harness.answers import is_answered, segmentation_of
+from bench.harness.counts import TABLES, TableName, read_counts, stored_recordings
 from bench.harness.digests import digest_file
 from bench.harness.manifest import MANIFEST, Aspect, differences
 from bench.harness.references import cache_folder
@@ -98,12 +98,12 @@ def verify_run(
             protocols=[stored.protocol],
             split=stored.manifest.dataset.split,
         )
-        (again,) = run_benchmark(request, executor=executor, progress=progress)
+        (again,) = run_benchmark(request, executor=executor, progress=progress).results
         found = (
             *_of_manifest(stored, again),
-            *_of_tables("objects", stored.objects, again.objects, OBJECT, OBJECTS_SCHEMA.names),
-            *_of_tables("frames", stored.frames, again.frames, IMAGE, FRAMES_SCHEMA.names),
-            *_of_rows(SUMS, stored.sums, again.sums, KEY),
+            *_of_counts("objects", stored.folder, again.folder),
+            *_of_counts("frames", stored.folder, again.folder),
+            *_of_rows(SUMS, KEY, stored.sums, again.sums),
             *_of_summary(stored, again),
         )
     if not found:
@@ -132,14 +132,14 @@ def _of_manifest(run: StoredRun, again: StoredRun) -> Iterator[str]:
         yield f"{SUMMARY}: failures lists {len(summary.failures)}, where {summary.images.failed} images failed"
 
 
-def _of_tables(
-    name: str, stored: RowSource, counted: RowSource, key: Sequence[str], columns: Sequence[str]
-) -> Iterator[str]:
-    for recording in sorted(stored.recordings().keys() | counted.recordings().keys()):
-        yield from _of_rows(name, stored.read([recording], columns), counted.read([recording], columns), key)
+def _of_counts(table: TableName, *runs: Path) -> Iterator[str]:
+    whole, key = TABLES[table]
+    for recording in sorted({name for run in runs for name in stored_recordings(run)}):
+        sides = (read_counts(run, table, recording, whole.names) for run in runs)
+        yield from _of_rows(table, key, *sides)
 
 
-def _of_rows(table: str, stored: pd.DataFrame, counted: pd.DataFrame, key: Sequence[str]) -> Iterator[str]:
+def _of_rows(table: str, key: Sequence[str], stored: pd.DataFrame, counted: pd.DataFrame) -> Iterator[str]:
     """One line for each column in which rows differ, with the first of them; or for rows that only one side has."""
     was, now = (rows.astype(dict.fromkeys(key, object)).set_index([*key]).sort_index() for rows in (stored, counted))
     if not was.index.equals(now.index):

@@ -13,6 +13,7 @@ import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -21,10 +22,18 @@ import numpy as np
 import pandas as pd
 
 from bench.errors import UsageError
-from bench.evaluation.comparison import SIGNIFICANCE, SLICE, changes_in_parts, compare_sums, excludes_no_change, holm
+from bench.evaluation.comparison import (
+    COMPARED,
+    SIGNIFICANCE,
+    SLICE,
+    compare_sums,
+    excludes_no_change,
+    holm,
+    object_changes,
+)
 from bench.evaluation.definitions import false_share, find_metric, headlines, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import EVALUATED, IMAGE, count_rows, merge_rows, pick, read_pairs
+from bench.evaluation.rows import IMAGE, merge_rows
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.execution import Progress
 from bench.harness.digests import short_digest
@@ -70,7 +79,7 @@ LEAST_COMMON = 0.5
 
 def reference_of(run: StoredRun) -> str:
     """Digest of the reference of a run, on all its images or on those that were chosen."""
-    return reference_digest(run.objects, run.frames) if run.common else str(run.manifest.reference)
+    return str(run.manifest.reference) if run.common is None else reference_digest(run.parts)
 
 
 def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
@@ -78,8 +87,12 @@ def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
 
     Runs of the same reference scored the same images, and stay as they are.
     """
-    frames = {reference_of(run): run.frames for run in runs}
-    return [replace(run, common=[*frames.values()]) if len(frames) > 1 else run for run in runs]
+    of_reference = {reference_of(run): run for run in runs}
+    if len(of_reference) == 1:
+        return [*runs]
+    images = [run.evaluated("frames", IMAGE) for run in of_reference.values()]
+    common = reduce(partial(merge_rows, on=IMAGE), images)
+    return [replace(run, common=common) for run in runs]
 
 
 def in_one_table(runs: Sequence[StoredRun], other: StoredRun) -> bool:
@@ -88,7 +101,8 @@ def in_one_table(runs: Sequence[StoredRun], other: StoredRun) -> bool:
         return True
     first, *_, last = on_common_images([*runs, other])
     scored = max(run.summary.images.evaluated for run in (*runs, other))
-    return count_rows(first.frames) >= max(LEAST_COMMON * scored, 1) and reference_of(first) == reference_of(last)
+    common = 0 if first.common is None else len(first.common)
+    return common >= max(LEAST_COMMON * scored, 1) and reference_of(first) == reference_of(last)
 
 
 def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRun, StoredRun]:
@@ -101,8 +115,8 @@ def pair_on_common_images(before: StoredRun, after: StoredRun) -> tuple[StoredRu
     for run in (before, after):
         refuse_unscored(run.summary, run.folder)
     first, second = on_common_images([before, after])
-    if first.common:
-        refused, common = f"{before.folder} and {after.folder} do not compare: ", count_rows(first.frames)
+    if first.common is not None:
+        refused, common = f"{before.folder} and {after.folder} do not compare: ", len(first.common)
         if not common:
             scored = [run.summary.images.evaluated for run in (before, after)]
             raise UsageError(f"{refused}no image was scored by both; the first has {scored[0]}, the second {scored[1]}")
@@ -209,7 +223,7 @@ CHANGED = ["kind", *IMAGE, "track_id", "category", "what", "before", "after"]
 
 
 def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Count the detections, and pick the object-frames that changed most, some recordings in memory at a time.
+    """Count the detections, and pick the object-frames that changed most.
 
     Returns:
         detections: a row for each category and for all, `name` the index: `object_frames`, those detected `before` and
@@ -217,50 +231,36 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
         frames: columns `CHANGED`, of each kind at most `LISTED`, and at most one of each track; the largest change of
             coverage first, of equals the largest object.
     """
-    counts: list[pd.DataFrame] = []
-
-    def parts() -> Iterator[pd.DataFrame]:
-        for rows in changes_in_parts(before.objects, after.objects, level=formats.found_level(before.protocol)):
-            lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
-            numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
-            numbers |= {"gained": gained, "lost": lost}
-            counts.append(pd.DataFrame({"category": rows["category"], "object_frames": 1} | numbers))
-            change = (rows["coverage_after"] - rows["coverage_before"]).astype(float)
-            kinds = {Kind.LOST: lost, Kind.GAINED: gained}
-            kinds |= {Kind.FELL: both & (change < 0), Kind.ROSE: both & (change > 0)}
-            yield _of_kinds(rows, kinds, size=change.abs())
-
-    def largest(rows: pd.DataFrame) -> pd.DataFrame:
-        ranked = rows.sort_values(["size", "region_px"], ascending=False, kind="stable")
-        return ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(LISTED)
-
-    changed = pick(parts(), largest)
-    by_category = pd.concat(counts).groupby("category").sum().astype(int)
+    sides = [run.evaluated("objects", COMPARED) for run in (before, after)]
+    rows = object_changes(*sides, level=formats.found_level(before.protocol))
+    lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
+    numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
+    counts = pd.DataFrame({"category": rows["category"], "object_frames": 1, **numbers, "gained": gained, "lost": lost})
+    change = (rows["coverage_after"] - rows["coverage_before"]).astype(float)
+    kinds = {Kind.LOST: lost, Kind.GAINED: gained}
+    kinds |= {Kind.FELL: both & (change < 0), Kind.ROSE: both & (change > 0)}
+    changed = _of_kinds(rows, kinds, size=change.abs())
+    ranked = changed.sort_values(["size", "region_px"], ascending=False, kind="stable")
+    listed = ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(LISTED)
+    by_category = counts.groupby("category").sum().astype(int)
     by_category.loc[ALL_MOVING] = by_category.sum()
     names = [*map(str, before.protocol.reference.categories), ALL_MOVING]
     words = [f"{row['object_class']} '{row['track_id']}', {row['category'].replace('_', ' ')}, {row['range_m']:.1f} m"
-             for row in changed.to_dict("records")]  # fmt: skip
+             for row in listed.to_dict("records")]  # fmt: skip
     detections = by_category.reindex(names, fill_value=0).rename_axis("name")
-    return detections, _by_kind(changed.assign(what=words), value="coverage")
+    return detections, _by_kind(listed.assign(what=words), value="coverage")
 
 
 def changed_images(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     """The image with most more and the one with most fewer false positives; none where nothing changed."""
 
-    def shares(frames: pd.DataFrame) -> pd.DataFrame:
-        return frames[frames["status"] == EVALUATED].assign(share=false_share)[[*IMAGE, "share"]]
-
-    def parts() -> Iterator[pd.DataFrame]:
-        for sides in read_pairs(before.frames, after.frames, [*IMAGE, "status", "width", "height", "fp_px"]):
-            rows = merge_rows(*map(shares, sides), on=IMAGE)
-            rows = rows.sort_values(IMAGE, ignore_index=True)
-            change = rows["share_after"] - rows["share_before"]
-            yield _of_kinds(rows, {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}, size=change.abs())
-
-    def largest(rows: pd.DataFrame) -> pd.DataFrame:
-        return rows.sort_values("size", ascending=False, kind="stable").drop_duplicates("kind")
-
-    return _by_kind(pick(parts(), largest).assign(what=""), value="share")
+    sides = [run.evaluated("frames", [*IMAGE, "width", "height", "fp_px"]) for run in (before, after)]
+    rows = merge_rows(*(frames.assign(share=false_share)[[*IMAGE, "share"]] for frames in sides), on=IMAGE)
+    change = rows["share_after"] - rows["share_before"]
+    kinds = {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}
+    ranked = _of_kinds(rows, kinds, size=change.abs()).sort_values(IMAGE)
+    largest = ranked.sort_values("size", ascending=False, kind="stable").drop_duplicates("kind")
+    return _by_kind(largest.assign(what=""), value="share")
 
 
 def _of_kinds(rows: pd.DataFrame, kinds: Mapping[Kind, pd.Series[bool]], *, size: pd.Series[float]) -> pd.DataFrame:

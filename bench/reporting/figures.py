@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from bench.atomic import write_bytes
 from bench.evaluation.definitions import find_metric
-from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
+from bench.evaluation.maps import PLACED, RangeMap, RangeMaps, range_maps
 from bench.evaluation.summary import Metric
 from bench.evaluation.thresholds import threshold_sweep
 from bench.harness.stored import StoredRun
@@ -201,7 +201,7 @@ def draw_run_maps(run: StoredRun) -> Figure:
     """Draw the maps of a run, of what its protocol counts as found."""
     outline_m = np.array(run.summary.vehicle_outline_m, dtype=np.float64)
     level = found_level(run.protocol)
-    maps = range_maps(run.objects, protocol=run.protocol, level=level)
+    maps = range_maps(run.evaluated("objects", PLACED), protocol=run.protocol, level=level)
     return draw_range_maps(maps, vehicle_outline_m=outline_m, title=HALF_TITLE if level else "")
 
 
@@ -319,7 +319,7 @@ def draw_threshold_sweep(
 def draw_charts(run: StoredRun) -> dict[str, Figure]:
     """The charts of a run: "range_map" and, of a run that holds likelihoods, "threshold_sweep"."""
     charts = {"range_map": draw_run_maps(run)}
-    if sweep := threshold_sweep(run.frames):
+    if sweep := threshold_sweep(run.histograms()):
         of_run = run.metrics.false_positives.coverage.value, run.metrics.segmentation.recall.value
         charts["threshold_sweep"] = draw_threshold_sweep(sweep.recall, sweep.false_positive_coverage, of_run=of_run)
     return charts

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from bench.atomic import refuse_foreign, replacing, write_bytes
 from bench.cameras.model import ray_grid
 from bench.errors import BenchError, OutputError, UsageError
-from bench.evaluation.rows import EVALUATED, IMAGE, RowSource, pick, read_parts
+from bench.evaluation.rows import IMAGE
 from bench.execution import Progress
 from bench.harness.datasets import StoredFrames
 from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
@@ -103,18 +103,19 @@ def write_frame_pictures(
 ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 
 
-def example_frames(objects: RowSource) -> dict[Category, ImageKey]:
+LARGEST = [*IMAGE, "category", "region_px"]
+
+
+def example_frames(objects: pd.DataFrame) -> dict[Category, ImageKey]:
     """For every category the frame in which an object of it fills most pixels.
 
     Args:
-        objects: of `OBJECTS_SCHEMA`, in memory or stored.
+        objects: evaluated rows of `OBJECTS_SCHEMA`, at least the columns `LARGEST`.
     """
-
-    def largest(rows: pd.DataFrame) -> pd.DataFrame:
-        evaluated = rows[rows["status"] == EVALUATED].sort_values(IMAGE)
-        return evaluated.sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
-
-    rows = pick(read_parts(objects, [*IMAGE, "status", "category", "region_px"]), largest).set_index("category")[IMAGE]
+    largest = (
+        objects.sort_values(IMAGE).sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
+    )
+    rows = largest.set_index("category")[IMAGE]
     keys = {str(kind): (str(r.recording), str(r.camera), int(r.timestamp_ns)) for kind, r in rows.iterrows()}
     return {kind: keys[kind] for kind in Category if kind in keys}
 
@@ -170,7 +171,7 @@ def write_example_pictures(
     """
     made = made_by(run.manifest.method.name, run.protocol.name)
     categories: dict[ImageKey, list[str]] = {}
-    for category, key in example_frames(run.objects).items():
+    for category, key in example_frames(run.evaluated("objects", LARGEST)).items():
         categories.setdefault(key, []).append(category.value)
 
     def write(key: ImageKey, frames: Sequence[ProcessedFrame], pipeline: FramePipeline) -> list[Path]:

@@ -280,7 +280,7 @@ def read_runs(folder: Path) -> tuple[list[StoredRun], list[tuple[str, str]]]:
 def _is_readable(run: StoredRun, not_ranked: list[tuple[str, str]]) -> bool:
     """Whether all tables of a run can be read; if not, it is listed with its fault."""
     try:
-        reference_digest(run.objects, run.frames)
+        reference_digest(run.parts)
     except BenchError as error:
         not_ranked.append((f"{run.label}/{run.folder.name}", str(error)))
         return False

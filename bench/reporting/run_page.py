@@ -8,31 +8,20 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
-import pyarrow as pa
 from matplotlib.figure import Figure
 
 from bench.atomic import write_output
 from bench.evaluation import published
 from bench.evaluation.definitions import IMAGE_FRAMES, coverage, false_share, find_metric, intersection_over_union
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.rows import (
-    EVALUATED,
-    FRAMES_SCHEMA,
-    IMAGE,
-    OBJECT,
-    OBJECTS_SCHEMA,
-    RowSource,
-    pick,
-    read_parts,
-    sort_rows,
-)
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, sort_rows
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.execution import Progress
@@ -58,7 +47,7 @@ from bench.reporting.document import (
     to_page,
 )
 from bench.reporting.frame import draw_frames, draw_panels, scored_layers
-from bench.reporting.frame_pictures import ImageKey, draw_images, example_frames
+from bench.reporting.frame_pictures import LARGEST, ImageKey, draw_images, example_frames
 from bench.reporting.run_tables import (
     is_beside_paper,
     left_out_note,
@@ -155,45 +144,29 @@ def remarks(metrics: Summary) -> Iterator[Paragraph]:
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 
 
-def worst_objects(objects: RowSource, *, most: int) -> list[Row]:
-    """Of each category the evaluated object-frames with the lowest coverage, one of each track, of equals the largest.
+def worst_objects(objects: pd.DataFrame, *, most: int) -> list[Row]:
+    """Of each category the object-frames with the lowest coverage, one of each track, of equals the largest.
 
     Returns:
         Rows of `OBJECTS_SCHEMA` plus `coverage`.
     """
-
-    def first(rows: pd.DataFrame) -> pd.DataFrame:
-        ranked = rows.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
-        return ranked.drop_duplicates(["category", *IMAGE[:2], "track_id"]).groupby("category").head(most)
-
-    return _scored(objects, OBJECTS_SCHEMA, OBJECT, coverage, first)
+    scored = sort_rows(objects, OBJECT).assign(coverage=coverage)
+    ranked = scored.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
+    return _rows(ranked.drop_duplicates(["category", *IMAGE[:2], "track_id"]).groupby("category").head(most))
 
 
-def worst_frames(frames: RowSource, *, most: int) -> list[Row]:
-    """The scored images with the largest false-positive coverage, one of each recording and camera.
+def worst_frames(frames: pd.DataFrame, *, most: int) -> list[Row]:
+    """The images with the largest false-positive coverage, one of each recording and camera.
 
     Returns:
         Rows of `FRAMES_SCHEMA` without the histograms, plus `coverage`, here of false positives.
     """
-
-    def first(rows: pd.DataFrame) -> pd.DataFrame:
-        ranked = rows[rows["fp_px"] > 0].sort_values("coverage", ascending=False, kind="stable")
-        return ranked.drop_duplicates(IMAGE[:2]).head(most)
-
-    return _scored(frames, FRAMES_SCHEMA, IMAGE, false_share, first)
+    ranked = sort_rows(frames[frames["fp_px"] > 0], IMAGE).assign(coverage=false_share)
+    return _rows(ranked.sort_values("coverage", ascending=False, kind="stable").drop_duplicates(IMAGE[:2]).head(most))
 
 
-def _scored(
-    source: RowSource,
-    schema: pa.Schema,
-    key: Sequence[str],
-    measure: Callable[[pd.DataFrame], pd.Series[float]],
-    first: Callable[[pd.DataFrame], pd.DataFrame],
-) -> list[Row]:
-    flat = [column.name for column in schema if not pa.types.is_list(column.type)]
-    scored = (part[part["status"] == EVALUATED] for part in read_parts(source, flat))
-    chosen = first(pick((sort_rows(part, key).assign(coverage=measure) for part in scored), first))
-    return [{str(name): value for name, value in row.items()} for row in chosen.to_dict("records")]
+def _rows(rows: pd.DataFrame) -> list[Row]:
+    return [{str(name): value for name, value in row.items()} for row in rows.to_dict("records")]
 
 
 def object_facts(row: Row) -> str:
@@ -298,23 +271,13 @@ def object_table(run: StoredRun, elements: Elements, *, most: int = LISTED) -> t
         elements: to which rows lead.
         most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
     """
-    annotated = 0
-
-    def parts() -> Iterator[pd.DataFrame]:
-        nonlocal annotated
-        for part in read_parts(run.objects, _READ):
-            annotated += len(part)
-            rows = sort_rows(part, OBJECT)
-            scored = rows["status"] == EVALUATED
-            measured = {"coverage": coverage(rows), "iou": intersection_over_union(rows)}
-            measured |= {name: rows[name].astype(float) for name in ("fp", "region_px")}
-            yield rows.assign(scored=scored, **{name: of.where(scored) for name, of in measured.items()})
-
-    def first(rows: pd.DataFrame) -> pd.DataFrame:
-        order = ["scored", "coverage", "region_px"]
-        return rows.sort_values(order, ascending=[False, True, False], kind="stable", ignore_index=True).head(most)
-
-    rows = first(pick(parts(), first))
+    rows = sort_rows(run.objects(_READ), OBJECT)
+    annotated, scored = len(rows), rows["status"] == EVALUATED
+    measured = {"coverage": coverage(rows), "iou": intersection_over_union(rows)}
+    measured |= {name: rows[name].astype(float) for name in ("fp", "region_px")}
+    rows = rows.assign(scored=scored, **{name: of.where(scored) for name, of in measured.items()})
+    order = ["scored", "coverage", "region_px"]
+    rows = rows.sort_values(order, ascending=[False, True, False], kind="stable", ignore_index=True).head(most)
     status, reason, kind = (rows[name].astype(object).fillna("") for name in ("status", "reason", "category"))
     keys = rows[OBJECT].itertuples(index=False, name=None)
     links = [Cell(key[3], link=f"#{elements[key]}" if key in elements else "") for key in keys]
@@ -420,8 +383,8 @@ def write_page(
     """
     run = read_run(folder)
     charts = figures.draw_charts(run)
-    worst = [*worst_objects(run.objects, most=WORST), *worst_frames(run.frames, most=WORST)]
-    examples = dict([*example_frames(run.objects).items()][:EXAMPLES])
+    worst = worst_objects(run.evaluated("objects"), most=WORST) + worst_frames(run.evaluated("frames"), most=WORST)
+    examples = dict([*example_frames(run.evaluated("objects", LARGEST)).items()][:EXAMPLES])
     of_worst = {_image_key(row) for row in worst}
     drawn, missing = draw_images(
         [run],

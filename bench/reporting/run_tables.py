@@ -17,7 +17,7 @@ from bench.errors import BenchError
 from bench.evaluation import definitions, published
 from bench.evaluation.definitions import find_metric
 from bench.evaluation.protocol import Protocol
-from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED, read_parts
+from bench.evaluation.rows import EVALUATED, NOT_ANNOTATED
 from bench.evaluation.summary import Metric, Summary, not_annotated
 from bench.evaluation.sums import ALL_MOVING
 from bench.evaluation.thresholds import ThresholdFreeMetrics
@@ -292,12 +292,9 @@ def nothing_scored(summary: RunSummary) -> str:
 
 def odd_masks(run: StoredRun) -> str:
     """Warn of a run whose masks are all empty, or all fill more than half of the valid pixels; "" otherwise."""
-    shares = pd.concat(
-        (rows["detected_px"] / rows["valid_px"])[
-            rows["status"].isin([EVALUATED, NOT_ANNOTATED]) & (rows["valid_px"] > 0)
-        ]
-        for rows in read_parts(run.frames, ["status", "detected_px", "valid_px"])
-    )
+    rows = run.frames(["status", "detected_px", "valid_px"])
+    rows = rows[rows["status"].isin([EVALUATED, NOT_ANNOTATED]) & (rows["valid_px"] > 0)]
+    shares = rows["detected_px"] / rows["valid_px"]
     if shares.empty or (shares.max() > 0 and shares.min() <= FILLED):
         return ""
     masks = counted(len(shares), "mask")

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import bench
-from bench.harness.stored import read_run, read_tables
+from bench.harness.stored import read_run
 from bench.methods import Segmentation, build_method
 from bench.recordings import load_card, open_dataset
 from bench.records.reference import ReferenceFrame
 from bench.reporting.run_tables import odd_masks
 from tests.support.changed_data import without_scenario
 from tests.support.commands import call
+from tests.support.counts import read_tables
 
 METHOD_COLUMNS = {"undefined_px", "fp_by_cause"}  # what only a method that runs can tell
 

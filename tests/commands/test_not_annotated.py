@@ -7,9 +7,10 @@ import pytest
 
 from bench import open_dataset, score
 from bench.errors import UsageError
-from bench.harness.stored import read_run, read_tables
+from bench.harness.stored import read_run
 from tests.support.cards import write_card
 from tests.support.commands import call, called_here, error_line
+from tests.support.counts import read_tables
 
 RUN = ("--no-pictures", "--protocol", "surface-v1")
 

@@ -13,7 +13,7 @@ from bench.commands.verify import card_to_verify
 from bench.evaluation.protocol import Protocol, load_protocol
 from bench.evaluation.summary import summary_of
 from bench.evaluation.sums import read_sums, sum_run, write_sums
-from bench.harness.counts import open_tables
+from bench.harness.counts import TABLES, read_parts
 from bench.harness.stored import read_run
 from bench.recordings.cards import shipped_folder
 from tests.conftest import DATASETS
@@ -96,7 +96,7 @@ def test_a_card_that_only_the_run_names_is_not_opened(run, tiny_card, tmp_path, 
 def recount(run: Path) -> None:
     """Bring sums and summary in line with forged counts."""
     results, protocol = run / BY, load_protocol(BY)
-    sums = sum_run(*open_tables(results), protocol=protocol)
+    sums = sum_run(*(read_parts(results, table) for table in TABLES), protocol=protocol)
     write_sums(sums, results / "sums.csv")
     metrics = summary_of(sums, protocol=protocol)
     change_summary(results, lambda summary: summary.update(metrics.model_dump(mode="json")))

@@ -11,13 +11,13 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from bench.evaluation.protocol import Protocol, load_protocol
-from bench.evaluation.rows import FRAME_COUNTS, FRAMES_SCHEMA, IMAGE, OBJECTS_SCHEMA
+from bench.evaluation.rows import FRAME_COUNTS, FRAMES_SCHEMA, IMAGE, OBJECTS_SCHEMA, to_frame
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.summary import Summary
 from bench.evaluation.sums import sum_run
 from bench.records.reference import Direction, IgnoreReason, ReferenceFrame, Status
 from bench.records.segmentation import Segmentation
-from tests.support.result_rows import TableRows, summarise
+from tests.support.result_rows import summarise
 
 PAPER = load_protocol("paper-v1")
 COUNTS = (*FRAME_COUNTS, "undefined_px")
@@ -46,8 +46,8 @@ def joined(tables: Sequence[tuple[pa.Table, pa.Table]]) -> tuple[pa.Table, pa.Ta
 @cache
 def random_sums(seed: int, *, recordings: int = 6, images: int = 12) -> pd.DataFrame:
     """The sums of a random run; nobody changes them."""
-    objects, frames = map(TableRows, random_run(seed, recordings=recordings, images=images))
-    return sum_run(objects, frames, protocol=PAPER)
+    objects, frames = map(to_frame, random_run(seed, recordings=recordings, images=images))
+    return sum_run([objects], [frames], protocol=PAPER)
 
 
 @cache

@@ -11,16 +11,16 @@ import pytest
 from bench.evaluation.comparison import (
     CHANGES,
     PairedChange,
-    changes_in_parts,
     compare_sums,
     holm,
     improvements_by_recording,
+    object_changes,
     pair_sums,
 )
 from bench.evaluation.sums import KEY, TERMS
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import random_run, random_sums, scored, shuffled, summary_of
-from tests.support.result_rows import TableRows
+from tests.support.result_rows import evaluated
 
 Sums = dict[str, tuple[float, float]]  # numerator and denominator by recording
 
@@ -165,8 +165,8 @@ def test_holm_by_hand(p_values: list[float | None], corrected: list[float | None
 # Object-frames gained and lost.
 
 
-def object_changes(before: pa.Table, after: pa.Table) -> pd.DataFrame:
-    return pd.concat(changes_in_parts(TableRows(before), TableRows(after)), ignore_index=True)
+def changes(before: pa.Table, after: pa.Table) -> pd.DataFrame:
+    return object_changes(evaluated(before), evaluated(after))
 
 
 def test_every_kind_of_change() -> None:
@@ -174,7 +174,7 @@ def test_every_kind_of_change() -> None:
     frame = reference_frame(picture("1234\n1234"), objects=[*objects, static_object("s")])
     before, _ = scored([(frame, mask("xx..\n...."))])
     after, _ = scored([(frame, mask("x.x.\nx..."))])
-    table = object_changes(before, after)
+    table = changes(before, after)
     assert list(table.columns) == CHANGES
     rows = table.to_dict("records")
     assert [(r["track_id"], r["change"]) for r in rows] == [
@@ -191,14 +191,9 @@ def test_what_one_run_alone_evaluated_is_no_change() -> None:
     one = reference_frame(picture("1."), objects=[reference_object("a"), ignored_object("b")])
     tables = [scored([(frame, mask("xx"))])[0] for frame in (both, one)]
     for sides in (tables, tables[::-1]):
-        assert object_changes(*sides)[["track_id", "change"]].to_numpy().tolist() == [["a", "both"]]
+        assert changes(*sides)[["track_id", "change"]].to_numpy().tolist() == [["a", "both"]]
 
 
-def test_changes_in_any_order_and_in_parts_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changes_are_the_same_in_any_order() -> None:
     (before, _), (after, _) = random_run(1), random_run(2)
-    whole = object_changes(before, after)
-    pd.testing.assert_frame_equal(object_changes(shuffled(before, 3), shuffled(after, 4)), whole)
-    monkeypatch.setattr("bench.evaluation.rows.ROWS_AT_ONCE", 25)
-    parts = list(changes_in_parts(TableRows(shuffled(before, 1)), TableRows(shuffled(after, 2))))
-    assert len(parts) > 1
-    pd.testing.assert_frame_equal(pd.concat(parts, ignore_index=True), whole)
+    pd.testing.assert_frame_equal(changes(shuffled(before, 3), shuffled(after, 4)), changes(before, after))

@@ -10,25 +10,20 @@ import pyarrow as pa
 import pytest
 
 from bench.errors import DataError
-from bench.evaluation import rows
 from bench.evaluation.maps import RangeMap, RangeMaps, range_maps
-from bench.evaluation.rows import RowSource
+from bench.evaluation.rows import to_frame
 from bench.evaluation.sums import KEY, read_sums, sum_run, write_sums
-from bench.harness.counts import StoredRows, open_tables
+from bench.harness import counts
+from bench.harness.counts import read_parts
 from bench.records.reference import Direction
 from tests.evaluation.frames import ignored_object, mask, picture, reference_frame, reference_object, static_object
 from tests.evaluation.runs import PAPER, joined, random_run, random_sums, scored, shuffled
 from tests.support.counts import write_counts
-from tests.support.result_rows import TableRows
-
-Tables = tuple[pa.Table, pa.Table] | tuple[RowSource, RowSource]
+from tests.support.result_rows import evaluated
 
 
-def reduced(tables: Tables, rows_at_once: int = rows.ROWS_AT_ONCE) -> pd.DataFrame:
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(rows, "ROWS_AT_ONCE", rows_at_once)
-        sources = (TableRows(table) if isinstance(table, pa.Table) else table for table in tables)
-        return sum_run(*sources, protocol=PAPER)
+def reduced(tables: tuple[pa.Table, pa.Table]) -> pd.DataFrame:
+    return sum_run(*([to_frame(table)] for table in tables), protocol=PAPER)
 
 
 def in_order(sums: pd.DataFrame) -> pd.DataFrame:
@@ -37,11 +32,6 @@ def in_order(sums: pd.DataFrame) -> pd.DataFrame:
 
 def assert_same(one: pd.DataFrame, other: pd.DataFrame) -> None:
     pd.testing.assert_frame_equal(in_order(one), in_order(other), check_dtype=False, rtol=1e-12, atol=1e-12)
-
-
-def stored(tables: tuple[pa.Table, pa.Table], folder: Path) -> tuple[StoredRows, StoredRows]:
-    write_counts(folder, *tables)
-    return open_tables(folder)
 
 
 def of(sums: pd.DataFrame, breakdown: str, name: str, metric: str) -> dict[str, tuple[float, float]]:
@@ -86,7 +76,7 @@ def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but
     causes = [[("static", px)] if name == "drive-0" else list(found) for name, px, found in zip(
         *(frames[column].to_pylist() for column in ("recording", "fp_px", "fp_by_cause")), strict=True)]  # fmt: skip
     place = frames.schema.names.index("fp_by_cause")
-    sums = reduced((random_run(3)[0], frames.set_column(place, "fp_by_cause", pa.array(causes, kind))), 25)
+    sums = reduced((random_run(3)[0], frames.set_column(place, "fp_by_cause", pa.array(causes, kind))))
     of_static, of_depth = (of(sums, "frames", "frames", f"false_positives_by_{name}") for name in ("static", "depth"))
     assert {name: below for name, (_, below) in of_static.items()} == {n: below for n, (_, below) in of_depth.items()}
     assert of_depth["drive-0"][0] == of_static["drive-1"][0] == 0
@@ -95,10 +85,13 @@ def test_a_cause_that_a_recordings_images_do_not_name_has_none_of_its_pixels_but
 
 def test_stored_rows_in_any_order_and_in_parts_give_the_same(tmp_path: Path) -> None:
     tables = random_run(3)
-    assert_same(reduced((shuffled(tables[0], 1), shuffled(tables[1], 2)), 30), random_sums(3))
-    kept = stored((shuffled(tables[0], 1), shuffled(tables[1], 2)), tmp_path)
-    assert_same(reduced(kept, 7), random_sums(3))
-    assert [sum(rows.recordings().values()) for rows in kept] == [len(table) for table in tables]
+    disordered = shuffled(tables[0], 1), shuffled(tables[1], 2)
+    assert_same(reduced(disordered), random_sums(3))
+    write_counts(tmp_path, *disordered)
+    parts = [[*read_parts(tmp_path, table, rows_at_once=30)] for table in counts.TABLES]
+    assert [len(part) > 1 for part in parts] == [True, True]
+    assert [sum(map(len, part)) for part in parts] == [len(table) for table in tables]
+    assert_same(sum_run(*parts, protocol=PAPER), random_sums(3))
 
 
 def test_a_table_of_sums_survives_its_file(tmp_path: Path) -> None:
@@ -148,11 +141,11 @@ def map_of(found: RangeMaps, object_class: str, direction: Direction) -> RangeMa
     return next(m for m in found.maps if (m.object_class, m.direction) == (object_class, direction))
 
 
-def placed(*places_m: tuple[float, float]) -> TableRows:
+def placed(*places_m: tuple[float, float]) -> pd.DataFrame:
     """Pedestrians at these places; the first alone is detected."""
     objects = [reference_object(chr(97 + k), centroid_m=np.array(place)) for k, place in enumerate(places_m)]
     labels = np.arange(1, len(places_m) + 1, dtype=np.int32)[None]
-    return TableRows(scored([(reference_frame(labels, objects=objects), labels == 1)])[0])
+    return evaluated(scored([(reference_frame(labels, objects=objects), labels == 1)])[0])
 
 
 def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
@@ -177,6 +170,6 @@ def test_a_cell_with_few_object_frames_is_marked() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_no_object_frame_is_lost(seed: int) -> None:
     objects = random_run(seed)[0]
-    found = range_maps(TableRows(objects), protocol=PAPER)
-    evaluated = sum(status == "evaluated" for status in objects["status"].to_pylist())
-    assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == evaluated
+    found = range_maps(evaluated(objects), protocol=PAPER)
+    expected = sum(status == "evaluated" for status in objects["status"].to_pylist())
+    assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == expected

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from bench.evaluation.counts import BINS, EDGES, PAPER_THRESHOLD, SCORE_EDGES, find_bins
+from bench.evaluation.rows import to_frame
 from bench.evaluation.scorer import SequenceScorer
 from bench.evaluation.thresholds import ThresholdFreeMetrics, ThresholdSweep, threshold_free_metrics, threshold_sweep
 from bench.records.segmentation import Segmentation
 from tests.evaluation.frames import mask, picture, reference_frame
 from tests.evaluation.runs import PAPER, random_run, scored, shuffled, summary_of
-from tests.support.result_rows import TableRows
 
 AT_PAPER = int(np.flatnonzero(EDGES == PAPER_THRESHOLD)[0])
 HALF = 0.5
@@ -44,7 +44,7 @@ def sweep_of(*images: tuple[str, object]) -> ThresholdSweep:
 
 
 def sweep_over(frames: pa.Table) -> ThresholdSweep:
-    sweep = threshold_sweep(TableRows(frames))
+    sweep = threshold_sweep([to_frame(frames)])
     assert sweep is not None
     return sweep
 
@@ -125,16 +125,16 @@ def test_images_of_different_sizes_count_alike_in_coverage() -> None:
 def test_a_method_without_likelihood_has_nulls_and_no_curve() -> None:
     _, frames = scored([(reference_frame(picture("1.")), mask("x."))])
     assert frames["likelihood_reference_px"].null_count == frames["likelihood_outside_px"].null_count == 1
-    assert threshold_sweep(TableRows(frames)) is None
-    assert threshold_free_metrics(TableRows(frames)) is None
-    assert threshold_sweep(TableRows(random_run(1)[1])) is None
+    assert threshold_sweep([to_frame(frames)]) is None
+    assert threshold_free_metrics([to_frame(frames)]) is None
+    assert threshold_sweep([to_frame(random_run(1)[1])]) is None
 
 
 # ---- without a threshold
 
 
 def free_of(frames: pa.Table) -> ThresholdFreeMetrics:
-    found = threshold_free_metrics(TableRows(frames))
+    found = threshold_free_metrics([to_frame(frames)])
     assert found is not None
     return found
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from bench.evaluation.protocol import load_protocol
-from bench.harness.stored import read_tables
 from bench.methods import build_method
 from bench.recordings import load_card
+from tests.support.counts import read_tables
 from tests.support.runs import run_one
 
 GOLDEN = Path(__file__).with_name("tiny.json")

@@ -9,12 +9,13 @@ import pytest
 
 from bench.errors import DataError, UsageError
 from bench.harness.frames import FramePipeline
-from bench.harness.stored import read_run, read_tables
+from bench.harness.stored import read_run
 from bench.methods import Method, MethodInput, Segmentation
 from bench.recordings import load_card, open_dataset, read_image
 from bench.recordings.input_errors import named_input_errors
 from bench.records.recording import InputErrors
 from tests.support import runs
+from tests.support.counts import read_tables
 from tests.support.runs import IMAGES, PAPER
 
 

@@ -9,9 +9,10 @@ import pytest
 
 from bench.errors import BenchError
 from bench.harness.frames import FramePipeline
-from bench.harness.stored import read_run, read_tables
+from bench.harness.stored import read_run
 from bench.methods import Method, Segmentation, ask_method, build_method
 from bench.recordings import load_card, open_dataset
+from tests.support.counts import read_tables
 from tests.support.runs import score
 from tests.support.troubled_runs import call
 

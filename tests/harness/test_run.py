@@ -7,7 +7,8 @@ import pytest
 
 from bench.errors import DataError
 from bench.harness.manifest import Manifest, read_manifest
-from bench.harness.stored import read_run, read_tables
+from bench.harness.stored import read_run
+from tests.support.counts import read_tables
 from tests.support.runs import PAPER, score
 
 

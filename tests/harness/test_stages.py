@@ -33,7 +33,7 @@ from bench.harness.exact import build_scorable
 from bench.harness.frames import InputOnly
 from bench.harness.manifest import AnswersManifest, CodeOfRun, DatasetOfRun, MethodOfRun
 from bench.harness.references import evict_cache, find_references, pack_reference, reference_of
-from bench.harness.run import RunRequest, cut_tasks, parse_part, plan_recording, process_task, run_benchmark, score_part
+from bench.harness.run import RunRequest, cut_tasks, parse_part, plan_recording, process_task, run_benchmark
 from bench.harness.stored import read_run
 from bench.methods import Segmentation, build_method
 from bench.methods.spherical.method import SphericalMethod
@@ -209,7 +209,7 @@ def test_a_method_is_asked_once_for_any_number_of_protocols(tiny_card, tmp_path,
     together = request(tiny_card, tmp_path / "run", PAPER, method="spherical")
     run_benchmark(together)
     assert len(asked) == 3 * (IMAGES + 1)
-    both = run_benchmark(replace(together, protocols=[PAPER, SURFACE]))
+    both = run_benchmark(replace(together, protocols=[PAPER, SURFACE])).results
     assert len(asked) == 3 * (IMAGES + 1)
     assert [run.summary.provenance.images_asked for run in both] == [0, 0]
     assert [run.label for run in both] == ["run-paper-v1", "run"]
@@ -294,7 +294,7 @@ def test_pictures_of_a_run_find_the_data_that_ship_wherever_they_are_drawn(store
     monkeypatch.setattr("bench.harness.datasets.shipped_folder", lambda: tiny_card.parent)
     monkeypatch.chdir(tmp_path)
     shutil.copytree(stored, tmp_path / "run")
-    image = read_run(Path("run")).frames.read(["crossing"], ["recording", "camera", "timestamp_ns"]).iloc[1].tolist()
+    image = read_run(Path("run")).frames([*IMAGE]).query("recording == 'crossing'").iloc[1].tolist()
     change_manifest(Path("run"), lambda content: content["dataset"].update(card="datasets/tiny.yaml"))
     assert StoredFrames(read_run(Path("run"))).process(*image).segmentation.mask.any()
     change_manifest(Path("run"), lambda content: content["dataset"].update(name="ours", card="datasets/ours.yaml"))
@@ -364,9 +364,9 @@ def test_a_worker_with_other_code_than_the_run_began_with_is_refused(tiny_card, 
 def test_parts_share_a_folder_and_the_whole_finds_them_done(tiny_card, tmp_path):
     score(tiny_card, tmp_path / "whole", method="everything")
     asked = request(tiny_card, tmp_path / "run", method="everything")
-    first, second = (score_part(asked, parse_part(text)) for text in ("1/2", "2/2"))
+    first, second = (run_benchmark(asked, part=parse_part(text)) for text in ("1/2", "2/2"))
     assert (first.tasks, second.tasks, first.tasks_of_run, first.done) == (2, 1, 3, 2)
-    (run,) = run_benchmark(asked)
+    (run,) = run_benchmark(asked).results
     assert run.summary.provenance.images_asked == 0
     assert bytes_of(tmp_path / "run") == bytes_of(tmp_path / "whole")
 
@@ -422,7 +422,7 @@ def test_every_image_to_be_scored_is_in_one_task(tiny_card, monkeypatch, unscore
 
 def test_answers_of_oracles_depend_on_the_protocol_and_lie_beside_its_counts(tiny_card, tmp_path):
     asked = request(tiny_card, tmp_path / "run", PAPER, SURFACE, method=build_scorable("reference"))
-    for run in run_benchmark(asked):
+    for run in run_benchmark(asked).results:
         assert run.answers == run.folder / "answers"
         assert run.summary.all_moving.iou.value == 1.0
         assert run.summary.false_positives.coverage.value == 0.0

@@ -11,8 +11,9 @@ from bench.errors import DataError
 from bench.evaluation.maps import range_maps
 from bench.evaluation.summary import Metric, summary_of
 from bench.evaluation.sums import sum_run
-from bench.harness.stored import HISTOGRAMS, read_run, read_tables
-from tests.support.counts import change_table, counts_file
+from bench.evaluation.thresholds import HISTOGRAMS
+from bench.harness.stored import read_run
+from tests.support.counts import change_table, counts_file, read_tables
 from tests.support.runs import PAPER, score
 
 STORED = Path(__file__).parents[1] / "stored"
@@ -36,7 +37,7 @@ def test_a_stored_run_reduces_to_its_figures(stored):
     run = read_run(stored)
     summary, protocol = run.summary, run.protocol
     assert protocol.digest == run.manifest.protocol.digest
-    again = summary_of(sum_run(run.objects, run.frames, protocol=protocol), protocol=protocol)
+    again = summary_of(sum_run(run.parts("objects"), run.parts("frames"), protocol=protocol), protocol=protocol)
     assert (again.objects, again.images) == (summary.objects, summary.images)
     then, now = figures_of(summary), figures_of(again)
     assert then.keys() <= now.keys(), "a metric that came later is new, and none is gone"
@@ -51,7 +52,7 @@ def test_histograms_may_stay_unread(stored):
     objects, frames = read_tables(stored, histograms=False)
     whole = read_tables(stored)
     assert objects == whole[0]
-    assert frames == whole[1].drop_columns(sorted(HISTOGRAMS))
+    assert frames == whole[1].drop_columns([*HISTOGRAMS])
 
 
 # ---- counts that no run writes
@@ -116,4 +117,4 @@ def test_maps_are_no_larger_than_the_protocol_lets_objects_lie(changed, x_m):
     with pytest.raises(
         DataError, match=r"x_m, y_m: expected centroids of evaluated objects within 33 m of the vehicle"
     ):
-        range_maps(run.objects, protocol=run.protocol)
+        range_maps(run.evaluated("objects"), protocol=run.protocol)

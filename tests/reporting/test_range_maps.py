@@ -17,7 +17,7 @@ from bench.reporting.figures import (
     draw_threshold_sweep,
     new_figure,
 )
-from tests.support.result_rows import TableRows, object_row, objects_table
+from tests.support.result_rows import evaluated, object_row, objects_table
 from tests.support.tiny import OUTLINE_M
 
 EDGES_M = np.arange(-8.0, 9.0)
@@ -86,7 +86,7 @@ def test_the_curve_of_thresholds_has_coverage_across_and_recall_up():
 
 
 OBJECTS = [object_row(n) | {"tp": tp, "fn": 20 - tp} for n, tp in enumerate((0, 9, 10, 20))]
-ROWS = TableRows(objects_table(OBJECTS))
+ROWS = evaluated(objects_table(OBJECTS))
 
 
 def test_half_of_the_core_is_half_or_more():
@@ -99,6 +99,6 @@ def test_half_of_the_core_is_half_or_more():
 @pytest.mark.parametrize(("protocol", "title"), [("surface-v1", [HALF_TITLE]), ("paper-v1", [])])
 def test_the_map_of_a_protocol_with_unknown_bands_says_that_half_is_due(protocol, title):
     summary = SimpleNamespace(vehicle_outline_m=OUTLINE_M.tolist())
-    run = SimpleNamespace(objects=ROWS, protocol=load_protocol(protocol), summary=summary)
+    run = SimpleNamespace(evaluated=lambda _, columns: ROWS[columns], protocol=load_protocol(protocol), summary=summary)
     texts = [text.get_text() for text in draw_run_maps(run).texts]
     assert [text for text in texts if "Detected" in text] == title

@@ -7,9 +7,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.evaluation.rows import COLUMNS_OF_FRAMES, FRAMES_SCHEMA, OBJECTS_SCHEMA
 from bench.harness import counts
 from bench.harness.answers import no_answer, safe_name, write_answers
-from bench.harness.counts import FRAMES, OBJECTS
+from bench.harness.counts import FRAMES, OBJECTS, read_counts, stored_recordings
+from bench.harness.stored import results_folder
 
 TASK = "front-00000000"
 
@@ -41,3 +43,19 @@ def change_table(results: Path, table: str, change: Callable[[pa.Table], pa.Tabl
 def counts_file(results: Path, table: str, recording: str = "*") -> Path:
     """The first file of the stored table "objects" or "frames" of a recording."""
     return sorted((results / "counts").glob(f"{recording}/*.{table}.parquet"))[0]
+
+
+def read_tables(run: Path, *, histograms: bool = True) -> tuple[pa.Table, pa.Table]:
+    """The objects and frames of a run, or of its results by a protocol."""
+    folder = results_folder(run)
+    columns = {"objects": OBJECTS_SCHEMA.names, "frames": FRAMES_SCHEMA.names if histograms else COLUMNS_OF_FRAMES}
+    for table in columns:
+        for recording in stored_recordings(folder):
+            read_counts(folder, table, recording, columns[table])
+    return tuple(
+        pa.concat_tables(
+            pq.read_table(file, columns=columns[table])
+            for file in sorted((folder / "counts").glob(f"*/*.{table}.parquet"))
+        )
+        for table in columns
+    )

@@ -1,9 +1,7 @@
 """Rows of a result."""
 
-from dataclasses import dataclass
-
+import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from bench.evaluation.protocol import Protocol
 from bench.evaluation.rows import FRAMES_SCHEMA, OBJECTS_SCHEMA, to_frame
@@ -11,23 +9,14 @@ from bench.evaluation.summary import Summary, summary_of
 from bench.evaluation.sums import sum_run
 
 
-@dataclass(frozen=True)
-class TableRows:
-    """A table in memory as a source of rows."""
-
-    table: pa.Table
-
-    def recordings(self):
-        return {one["values"]: one["counts"] for one in pc.value_counts(self.table["recording"]).to_pylist()}
-
-    def read(self, recordings, columns):
-        wanted = pc.is_in(self.table["recording"], value_set=pa.array(recordings, pa.string()))
-        return to_frame(self.table.select(list(columns)).filter(wanted))
+def evaluated(table: pa.Table) -> pd.DataFrame:
+    rows = to_frame(table)
+    return rows[rows["status"] == "evaluated"]
 
 
 def summarise(objects: pa.Table, frames: pa.Table, *, protocol: Protocol) -> Summary:
     """The metrics of a run from its tables."""
-    return summary_of(sum_run(TableRows(objects), TableRows(frames), protocol=protocol), protocol=protocol)
+    return summary_of(sum_run([to_frame(objects)], [to_frame(frames)], protocol=protocol), protocol=protocol)
 
 
 def objects_table(rows):

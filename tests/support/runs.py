@@ -17,7 +17,7 @@ IMAGES = 12  # of the small data set that are scored
 def run_one(*, protocol: Protocol, out: Path, **options) -> RunSummary:
     """The summary of the run by one protocol."""
     how = {name: options.pop(name) for name in ("executor", "progress") if name in options}
-    (run,) = run_benchmark(RunRequest(folder=out, protocols=[protocol], **options), **how)
+    (run,) = run_benchmark(RunRequest(folder=out, protocols=[protocol], **options), **how).results
     return run.summary
 
 

@@ -5,18 +5,14 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-import pandas as pd
 import pyarrow as pa
 
 from bench.evaluation.protocol import load_protocol
-from bench.evaluation.summary import Summary, summary_of
-from bench.evaluation.sums import sum_run, write_sums
-from bench.harness import stored
 from bench.harness.manifest import ANSWERS_MANIFEST, write_manifest
-from bench.harness.stored import SUMS
+from bench.harness.stored import write_results
 from tests.support.counts import write_counts
 from tests.support.manifests import manifest, provenance
-from tests.support.result_rows import TableRows, frame_row, frames_table, object_row, objects_table
+from tests.support.result_rows import frame_row, frames_table, object_row, objects_table
 from tests.support.tiny import OUTLINE_M
 
 RECORDINGS, IMAGES = 8, 4
@@ -49,29 +45,23 @@ def write_run(
     """Store a run; all of its reference comes from `detected` and `region_px`, what else its manifest has `of_run`."""
     results = folder / protocol
     rules = load_protocol(protocol)
-    objects, frames, sums, metrics = _counted(tuple(detected.items()), fp_px, region_px, protocol)
+    objects, frames = _counted(tuple(detected.items()), fp_px, region_px)
     write_counts(results, objects, frames)
-    write_sums(sums, results / SUMS)
     own = manifest(card="nowhere.yaml", protocol=rules, commit="0123456789+", **of_run)
     write_manifest(folder / ANSWERS_MANIFEST, own)
-    stored.write_run(
-        results, metrics, protocol=rules, manifest=own, provenance=provenance(images=len(frames)),
-        vehicle_outline_m=OUTLINE_M.tolist(),
-    )  # fmt: skip
+    how = provenance(images=len(frames))
+    write_results(results, protocol=rules, manifest=own, provenance=how, vehicle_outline_m=OUTLINE_M.tolist())
     return folder
 
 
 @cache
 def _counted(
-    detected: tuple[tuple[tuple[int, int, str], int], ...], fp_px: int, region_px: int, protocol: str
-) -> tuple[pa.Table, pa.Table, pd.DataFrame, Summary]:
-    """Objects and frames, their sums and metrics; tests draw the same few runs again and again."""
-    rules = load_protocol(protocol)
+    detected: tuple[tuple[tuple[int, int, str], int], ...], fp_px: int, region_px: int
+) -> tuple[pa.Table, pa.Table]:
+    """Objects and frames; tests draw the same few runs again and again."""
     objects = objects_table([_object(*key, px, region_px) for key, px in detected])
     images = sorted({key[:2] for key, _ in detected})
-    frames = frames_table([_frame(*image, fp_px, region_px) for image in images])
-    sums = sum_run(TableRows(objects), TableRows(frames), protocol=rules)
-    return objects, frames, sums, summary_of(sums, protocol=rules)
+    return objects, frames_table([_frame(*image, fp_px, region_px) for image in images])
 
 
 def _object(recording: int, image: int, category: str, px: int, region_px: int) -> dict[str, object]:

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 import pyarrow as pa
 import pytest
 
-from bench.evaluation import rows
-from bench.evaluation.rows import OBJECT
+from bench.evaluation.rows import OBJECT, to_frame
 from bench.evaluation.summary import FrameLedger, Metric
-from bench.harness.stored import read_run, read_tables
+from bench.harness.stored import read_run
 from bench.reporting.document import environment
 from bench.reporting.formats import bar_cell, percent
 from bench.reporting.run_page import (
@@ -29,8 +28,8 @@ from tests.evaluation.runs import random_run, shuffled
 from tests.reporting.compare.runs import drawn, write_run
 from tests.reporting.printed import texts
 from tests.reporting.summaries import figure, object_figures, summary
-from tests.support.counts import change_table
-from tests.support.result_rows import TableRows, frame_row, frames_table, object_row, objects_table
+from tests.support.counts import change_table, read_tables
+from tests.support.result_rows import evaluated, frame_row, frames_table, object_row, objects_table
 from tests.support.stored_files import change_manifest
 
 
@@ -81,14 +80,14 @@ S = 1_000_000_000
 
 
 def objects(*rows):
-    return TableRows(objects_table([
+    return evaluated(objects_table([
         object_row(0) | {"track_id": track, "timestamp_ns": time, "tp": tp, "fn": 100 - tp} for track, time, tp in rows
     ]))  # fmt: skip
 
 
 def frames(*rows):
     size = {"width": 10, "height": 10}
-    return TableRows(frames_table([
+    return evaluated(frames_table([
         frame_row(0) | size | {"recording": name, "timestamp_ns": time, "fp_px": fp} for name, time, fp in rows
     ]))  # fmt: skip
 
@@ -121,9 +120,7 @@ def test_what_was_measured_is_said():
     assert "most by" not in image_facts(counts | {"fp_by_cause": None})
 
 
-@pytest.mark.parametrize("rows_at_once", [1, 20, 10_000])
-def test_the_least_covered_object_frames_are_listed(monkeypatch, rows_at_once):
-    monkeypatch.setattr(rows, "ROWS_AT_ONCE", rows_at_once)
+def test_the_least_covered_object_frames_are_listed():
     table, _ = random_run(2)
     content = table.to_pylist()
     evaluated = sorted(
@@ -131,7 +128,7 @@ def test_the_least_covered_object_frames_are_listed(monkeypatch, rows_at_once):
         for row in content
         if row["region_px"]
     )
-    run = SimpleNamespace(objects=TableRows(shuffled(table, 1)))
+    run = SimpleNamespace(objects=to_frame(shuffled(table, 1)).filter)
     listed, annotated = object_table(run, {}, most=10)
     assert annotated == len(content)
     assert [*listed.rows[OBJECT].itertuples(index=False, name=None)] == [row[2:] for row in evaluated[:10]]
