@@ -135,7 +135,8 @@ def as_executor(workers: int | Executor | TaskExecutor) -> TaskExecutor:
 def rendering(scenario: Path, out: Path) -> Iterator[Report]:
     """A progress bar for rendering, and what is left when that is interrupted."""
     left = f"the recordings that are done are in {out}, and the same command goes on from there"
-    with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
+    title = f"rendering {scenario.name.partition('.')[0]} (compiling on first use)"
+    with interruptible(left), progress_bar(title, "recordings") as report:
         yield report
 
 

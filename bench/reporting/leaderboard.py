@@ -137,7 +137,7 @@ class RankedGroup(_Stored):
         reference_digest: of the reference on these images.
         cases: row -> object-frames and recordings; all moving objects, then the categories that occur.
         ceilings: row -> metric -> value of the exact masks; what is unknown is left out.
-        entries: best first by IoU over all moving object-frames.
+        entries: methods, best first by IoU over all moving object-frames, then what bounds them.
         unreviewed: says that nobody has looked at the annotations, as `RunSummary.unreviewed`.
     """
 
@@ -185,7 +185,7 @@ class RankedGroup(_Stored):
         return all(getattr(self, name) == getattr(other, name) for name in same)
 
     def ranked(self, entries: Sequence[Entry], **others: object) -> RankedGroup:
-        """The group with other entries, in the order of their IoU, each method with its rank."""
+        """The group with other entries, methods with their ranks before what bounds them, both in the order of IoU."""
         ranks = count(1)
         ordered = tuple(
             entry.model_copy(update={"rank": next(ranks) if entry.kind == "method" else None})
@@ -194,9 +194,9 @@ class RankedGroup(_Stored):
         return self.model_copy(update={"entries": ordered} | others)
 
 
-def _best_first(entry: Entry) -> tuple[float, str]:
+def _best_first(entry: Entry) -> tuple[bool, float, str]:
     value = entry.metrics[ORDERED_BY].value
-    return (math.inf if math.isnan(value) else -value), entry.run
+    return entry.kind != "method", (math.inf if math.isnan(value) else -value), entry.run
 
 
 class Leaderboard(_Stored):
@@ -464,15 +464,15 @@ def _table(
     out: Path | None = None,
     costs: bool = False,
 ) -> Table:
-    """Metrics of rows with a bar, the interval across it and a tick at the ceiling; the ceiling first if not a run."""
+    """Metrics of rows with a bar, the interval across it and a tick at the ceiling; the ceiling last if not a run."""
     ceilings = {key: group.ceilings[key[0]].get(key[1]) for key in columns}
     rows: list[list[object]] = []
-    if any(ceilings.values()) and all(entry.kind != "ceiling" for entry in group.entries):
-        line = [None if value is None else Cell(formats.percent(value)) for value in ceilings.values()]
-        rows.append(["", Cell("ceiling: the exact masks", style="dim"), *line, *([None] if costs else [])])
     for entry in group.entries:
         cells = [formats.bar_cell(entry.values[row][name], tick=tick) for (row, name), tick in ceilings.items()]
         rows.append([_rank(group, entry), _named(entry, out), *cells, *([entry.cost_ms] if costs else [])])
+    if any(ceilings.values()) and all(entry.kind != "ceiling" for entry in group.entries):
+        line = [None if value is None else Cell(formats.percent(value)) for value in ceilings.values()]
+        rows.append(["", Cell("ceiling: the exact masks", style="dim"), *line, *([None] if costs else [])])
     cost = [Column("ms per image", "{:.1f}".format)] if costs else []
     return Table(title=title, columns=["Rank", "Method, run", *columns.values(), *cost], rows=rows, words=2)
 

@@ -85,6 +85,16 @@ def overall_rows(verdict: Verdict) -> list[Row]:
     return [rows[metric.name] for metric in headlines() if metric.name in rows]
 
 
+def fallen_line(verdict: Verdict) -> str:
+    """The headlines over everything that are worse although the gate passed; "" where none is."""
+    words, fallen = {Outcome.PASSED: "within tolerance", Outcome.SUSPECT: "suspect"}, []
+    for row in overall_rows(verdict) if verdict.passed else ():
+        was, now = (value_text(row.metric, value) for value in (row.before, row.after))
+        if row.worsening > 0 and was != now:
+            fallen.append(f"{find_metric(row.metric).label} {was} -> {now} ({words.get(row.outcome, row.outcome)})")
+    return f"worse than the baseline: {'; '.join(fallen)}" if fallen else ""
+
+
 def main_rows(verdict: Verdict) -> list[Row]:
     """Other rows over everything and by kind of motion that failed, are suspect or improved, worst first."""
     overall = overall_rows(verdict)
@@ -274,6 +284,8 @@ def first_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Bloc
         verdict: of a run.
         with_notes: as of `row_table`.
     """
+    if fallen := fallen_line(verdict):
+        yield Paragraph(fallen)
     yield Paragraph(verdict.subject)
     yield from (Paragraph(line, "bad") for line in check_lines(verdict))
     yield from map(Paragraph, change_lines(verdict))

@@ -14,6 +14,7 @@ from bench.reporting.document import Paragraph
 from bench.reporting.verdict import (
     change_lines,
     first_blocks,
+    fallen_line,
     folded_lines,
     main_rows,
     other_blocks,
@@ -62,6 +63,25 @@ def test_one_kind_of_motion_alone_is_told_once():
     one_by_its_own = verdict_of(run(*[0.9] * 8), run(*[0.5] * 8), lenient)
     assert [(row.slice_name, row.metric) for row in main_rows(one_by_its_own)] == [("static_ego", "iou")]
     assert one_by_its_own.headline.startswith("gate FAILED: 3 failed")
+
+
+def test_a_gate_that_passes_says_which_headlines_fell():
+    """Breakdowns cut the same object-frames once more, so that the first line counts none of them."""
+    before = {
+        "all_moving": {"iou": sums([0.9] * 6), "tpr_all": sums([0.9] * 6)},
+        "points=[1, 2)": {"iou": sums([0.9] * 6)},
+    }
+    after = {
+        "all_moving": {"iou": sums([0.899] * 6), "tpr_all": sums([0.9] * 5 + [0.6])},
+        "points=[1, 2)": {"iou": sums([0.5] * 6)},
+    }
+    found = verdict_of(scored(before), scored(after))
+    assert found.headline == "gate passed: 1 suspect, 1 within tolerance"
+    fell = "worse than the baseline: IoU, all 90.0 % -> 89.9 % (within tolerance); TPR, all 90.0 % -> 85.0 % (suspect)"
+    assert fallen_line(found) == fell
+    assert f"\n{fell}\n" in to_markdown(found).replace("\\", "")
+    assert folded_lines(found)[0] == "suspect in breakdowns: 1 (points 1)"
+    assert fallen_line(verdict_of(scored(after), scored(before))) == ""
 
 
 def with_message(verdict, message):
