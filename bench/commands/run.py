@@ -99,17 +99,6 @@ class Run:
         objects, frames = read_tables(self.folder, histograms=False)
         return objects.to_pandas(), frames.to_pandas().dropna(axis="columns", how="all")
 
-    def flat(self) -> dict[str, float | str]:
-        """Metrics, as "crossing.iou", and settings, as "settings.threshold", for a tracker of experiments."""
-        from bench.methods.settings import flat_settings
-
-        settings = flat_settings(self.manifest.method.settings)
-        metrics = {
-            f"{row}.{name}": float(value) for row, values in self.metrics.iterrows() for name, value in values.items()
-        }
-        named = {f"settings.{name}": str(value) for name, value in settings.items()}
-        return {**named, **metrics, "false_positives": self.false_positives}
-
     @property
     def false_positives(self) -> float:
         """Mean share of the image that is marked wrongly."""

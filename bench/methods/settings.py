@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from types import NoneType, UnionType
@@ -128,15 +127,13 @@ def _number(value: object) -> object:
     return value
 
 
-def split_values(name: str, values: str) -> dict[str, str]:
-    """Split values of YAML at the commas between them: as they are shown, and as they are written.
+def parse_values(name: str, values: str) -> list[Any]:
+    """Parse values of YAML with commas in between.
 
     Raises:
         UsageError: they are no YAML.
     """
     try:
-        parsed = parse_yaml(f"[{values}]", file=name)
+        return [_number(value) for value in parse_yaml(f"[{values}]", file=name)]
     except DataError as error:
         raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
-    written = [json.dumps(value, default=str) for value in parsed]
-    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}

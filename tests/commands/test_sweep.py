@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bench.errors import UsageError
-from bench.methods.settings import parse_settings, split_values
+from bench.methods.settings import parse_settings, parse_values
 from tests.support.commands import call, error_line, output_of
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
@@ -76,9 +76,9 @@ def test_settings_nest_numbers_are_numbers_and_values_are_yaml_between_commas():
     ):
         with pytest.raises(UsageError, match=message):
             parse_settings(texts)
-    assert split_values("x", "1e-4, 3,dis") == {"1e-4": '"1e-4"', "3": "3", "dis": '"dis"'}
-    assert split_values("x", "[1,2],[3]") == {"[1, 2]": "[1, 2]", "[3]": "[3]"}
-    assert split_values("x", "{epipolar: 0},{}") == {'{"epipolar": 0}': '{"epipolar": 0}', "{}": "{}"}
+    assert parse_values("x", "1e-4, 3,dis") == [1e-4, 3, "dis"]
+    assert parse_values("x", "[1,2],[3]") == [[1, 2], [3]]
+    assert parse_values("x", "{epipolar: 0},{}") == [{"epipolar": 0}, {}]
 
 
 @pytest.mark.parametrize(

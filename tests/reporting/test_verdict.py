@@ -13,8 +13,8 @@ from bench.reporting import verdict
 from bench.reporting.document import Paragraph
 from bench.reporting.verdict import (
     change_lines,
-    first_blocks,
     fallen_line,
+    first_blocks,
     folded_lines,
     main_rows,
     other_blocks,
@@ -205,7 +205,7 @@ def test_annotations_escape_what_would_start_another_command(mixed):
 def test_the_summary_tells_failures_first(mixed):
     text = to_markdown(mixed)
     rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| Outcome")]
-    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance"]
+    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "within"]
     assert text.startswith("## gate FAILED: 1 of 3 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
     assert "\nfailed: data changed" in text
     assert "most in drive-5" in rows[1]
@@ -240,6 +240,7 @@ def test_json_holds_everything_and_no_nan(mixed):
     content = json.loads(to_json(mixed), parse_constant=pytest.fail)
     assert content["passed"] is False
     assert len(content["rows"]) == 5
+    assert content["worst_recording"] == "drive-0", "as the terminal names it"
     assert len(content["checks"]) == 3
     failed = next(row for row in content["rows"] if row["outcome"] == "failed")
     assert (failed["slice"], failed["metric"], failed["before"], failed["after"]) == ("crossing", "tpr_all", 0.9, 0.5)
