@@ -240,7 +240,7 @@ def import_labels(
             that name none; repeatable.
         first_frame: number of the first sweep, where frames are counted; default: frames are named as sweeps.
         time_unit: unit of times that do not state it.
-        overwrite: replace other labels that are there; a copy stays.
+        overwrite: replace other labels that are there; a copy is kept.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
@@ -289,7 +289,7 @@ def export_labels(
         unreviewed: write what was proposed and not rejected; results then say so.
         format_name: write files of a tool instead: boxes or openlabel.
         annotated: with --format: write the annotations of the data set instead of reviews.
-        overwrite: replace other labels that are there; a copy stays.
+        overwrite: replace other labels that are there; a copy is kept.
 
     Raises:
         UnknownNameError: no data set, split or format of this name.

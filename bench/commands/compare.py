@@ -50,7 +50,7 @@ def compare(
 
     Args:
         runs: stored runs or their folders, two or more.
-        out: folder of the report; default: reports/runs/compare-<run>-<run>; from Python none.
+        out: folder of the report; default: reports/runs/compare-<run>-<run>; from Python no report is written.
         pictures: draw the images that changed most; needs the data set.
         progress: called with the pictures done and their number, for each pair anew.
 

@@ -84,7 +84,7 @@ InputErrors = Annotated[
     typer.Option(
         "--input-error",
         metavar="NAME=VALUE",
-        help="Disturb the method's input, for example pitch_deg=0.5; the reference keeps the truth; repeatable.",
+        help="Disturb the method's input, for example pitch_deg=0.5; the reference does not change; repeatable.",
     ),
     _settings("--input-error"),
 ]

@@ -166,7 +166,7 @@ def run(
         method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
         settings: parameters of a method that is given by name.
         input_errors: injected into what the method is given, by the names of `bench.records.recording.InputErrors`, for
-            example `{"pitch_deg": 0.5}`; the reference keeps the truth.
+            example `{"pitch_deg": 0.5}`; the reference does not change.
         protocol: names or files with commas in between.
         split: of the data set; None for all of it.
         out: folder of the run; default: reports/runs/<data set>-<method>, with the settings that are given.
