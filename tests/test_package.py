@@ -45,23 +45,32 @@ def installed(tmp_path_factory):
 
 
 def test_cards_baselines_and_templates_ship(installed):
-    patterns = {"datasets": "*.yaml", "reports/baselines": "*/*", "reports/leaderboard": "leaderboard.json"}
+    patterns = {
+        "datasets": "*.yaml",
+        "docs": "*.md",
+        "reports/baselines": "*/*",
+        "reports/leaderboard": "leaderboard.json",
+    }
     for place, pattern in patterns.items():
         folder = installed / "bench/shipped" / Path(place).name
         shipped = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
         assert shipped == {path.relative_to(ROOT / place) for path in (ROOT / place).glob(pattern)}
+    help_text = run_in(installed, installed, "-m", "bench", "--help").replace("\n", " ")
+    assert "offline in" in help_text
     own = {path.relative_to(ROOT) for path in (ROOT / "bench").rglob("*.*") if "__pycache__" not in path.parts}
     assert {path for path in own if not (installed / path).is_file()} == set()
 
 
-def test_data_of_shipped_cards_go_to_a_cache_folder(installed, tmp_path):
+def run_in(folder, installed, *arguments):
+    """What Python prints that has the wheel alone."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("FISHEYE_BENCH")}
-    environment |= {"PYTHONPATH": str(installed), "XDG_CACHE_HOME": str(tmp_path / "cache"), "HOME": str(tmp_path)}
-    command = [sys.executable, "-c", PROGRAM, str(installed)]
-    printed = subprocess.run(
-        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True, check=True
-    ).stdout
-    cached, named = map(Path, printed.split())
+    environment |= {"PYTHONPATH": str(installed), "XDG_CACHE_HOME": str(folder / "cache"), "HOME": str(folder)}
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
+def test_data_of_shipped_cards_go_to_a_cache_folder(installed, tmp_path):
+    cached, named = map(Path, run_in(tmp_path, installed, "-c", PROGRAM, str(installed)).split())
     assert cached.is_relative_to(tmp_path)  # on Linux in its cache, elsewhere in its Library
     assert (cached.name, named) == ("demo", Path("mine/demo"))
     assert not list(installed.rglob("data"))

@@ -13,7 +13,7 @@ import typer
 
 from bench.commands.command import TEXT, Flag, Place, Words, add_command, group
 from bench.commands.console import FAILURES, Report, print_blocks, print_failures, progress_bar, resumable, say
-from bench.commands.options import Dataset, Workers, as_card, as_executor, rendered_card
+from bench.commands.options import Dataset, Split, Workers, as_card, as_executor, rendered_card
 from bench.errors import UnknownNameError, UsageError
 from bench.plain_text import counted
 
@@ -43,9 +43,6 @@ def _pairs(option: str, *, name_may_lack: bool = False) -> Words:
         return {name: None if ours == LEFT_OUT else ours for name, _, ours in pairs}
 
     return Words(list[str] | None, parse)
-
-
-Chosen = Annotated[str | None, typer.Option("--recording", help="Recordings, separated by commas; default: all.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,7 +98,7 @@ class Proposals:
 def propose(
     dataset: Dataset,
     *,
-    split: Chosen = None,
+    split: Split = None,
     workers: Workers = 1,
     reviews: Place = None,
     progress: Report | None = None,
@@ -145,14 +142,14 @@ def show_proposals(proposals: Proposals) -> int:
     print_blocks([Table(columns=["recording", "objects", "in doubt", ""], rows=rows)])
     say(str(proposals.folder))
     failures = [f"{drive.name}: {drive.failure}" for drive in proposals.drives if drive.failure]
-    print_failures(failures, all_in="this command for one --recording")
+    print_failures(failures, all_in="this command with --split RECORDING")
     return FAILURES if failures else 0
 
 
 def evaluate_proposals(
     dataset: Dataset,
     *,
-    split: Chosen = None,
+    split: Split = None,
     workers: Workers = 1,
     reviews: Place = None,
     against: Place = None,
@@ -243,7 +240,7 @@ def import_labels(
             that name none; repeatable.
         first_frame: number of the first sweep, where frames are counted; default: frames are named as sweeps.
         time_unit: unit of times that do not state it.
-        overwrite: replace other labels that are there; a copy stays.
+        overwrite: replace other labels that are there; a copy is kept.
 
     Raises:
         UnknownNameError: no such format, data set or recording.
@@ -275,7 +272,7 @@ def export_labels(
     dataset: Dataset,
     out: Annotated[str | Path, typer.Option(), Words(Path)],
     *,
-    split: Chosen = None,
+    split: Split = None,
     reviews: Place = None,
     unreviewed: Flag = False,
     format_name: Annotated[str | None, typer.Option("--format")] = None,
@@ -292,7 +289,7 @@ def export_labels(
         unreviewed: write what was proposed and not rejected; results then say so.
         format_name: write files of a tool instead: boxes or openlabel.
         annotated: with --format: write the annotations of the data set instead of reviews.
-        overwrite: replace other labels that are there; a copy stays.
+        overwrite: replace other labels that are there; a copy is kept.
 
     Raises:
         UnknownNameError: no data set, split or format of this name.
@@ -401,7 +398,7 @@ def _reviewed(card: DatasetCard, name: str, folder: Path, *, unreviewed: bool) -
 
 def review(
     dataset: Dataset,
-    recording: Chosen = None,
+    split: Split = None,
     port: Annotated[int, typer.Option(min=0, max=65535)] = 0,
     reviews: Place = None,
     reviewer: Annotated[str, typer.Option(envvar="USER")] = "reviewer",
@@ -413,21 +410,21 @@ def review(
 
     Args:
         dataset: card, by path or by name.
-        recording: of the data set.
+        split: of the data set, or recordings with commas in between.
         port: port to listen on; 0 for any free one.
         reviews: folder of reviews; default: the card's annotations, or annotations/<data set>.
         reviewer: your name in the log of decisions.
         browser: open the page in your browser.
 
     Examples:
-        fisheye-bench annotate review my-data --recording drive-1
+        fisheye-bench annotate review my-data --split drive-1
     """
     import webbrowser
 
     from bench.annotation.server import ReviewServer
     from bench.annotation.session import Session
 
-    card, handles, folder = _open_drives(dataset, recording, reviews)
+    card, handles, folder = _open_drives(dataset, split, reviews)
 
     def open_session(name: str) -> Session:
         return Session(open_unannotated(card, name), dataset=card.name, folder=folder, reviewer=reviewer)

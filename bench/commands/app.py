@@ -34,6 +34,7 @@ COMMANDS = {
 }
 
 DOCUMENTATION = "https://github.com/fisheye-bench/fisheye-bench/tree/main/docs"
+OFFLINE = Path(bench.__file__).parent / "shipped" / "docs"  # of an installed package
 
 # What a report of a problem names: variables of the environment, and packages that may be missing or stand in the way.
 SETTINGS = ("FISHEYE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "NUMBA_", "OPENCV_", "PYTHON")
@@ -43,7 +44,7 @@ app = typer.Typer(
     name="fisheye-bench",
     cls=Commands,
     help="Score moving-object segmentation in automotive fisheye images against lidar reference polygons.",
-    epilog=f"Documentation: {DOCUMENTATION}",
+    epilog=f"Documentation: {DOCUMENTATION}" + (f", offline in {OFFLINE}" if OFFLINE.is_dir() else ""),
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -50,7 +50,7 @@ def compare(
 
     Args:
         runs: stored runs or their folders, two or more.
-        out: folder of the report; default: reports/runs/compare-<run>-<run>; from Python none.
+        out: folder of the report; default: reports/runs/compare-<run>-<run>; from Python no report is written.
         pictures: draw the images that changed most; needs the data set.
         progress: called with the pictures done and their number, for each pair anew.
 
@@ -75,11 +75,12 @@ def compare(
 
 
 def show(compared: Comparison) -> None:
-    """Print differences, verdict and what was gained and lost of each pair, then the files."""
+    """Print the verdict on each pair, its differences and what was gained and lost, then the files."""
     from bench.reporting.compare import terminal_report, verdict_line
     from bench.reporting.formats import found_by
 
     for comparison in compared.pairs:
+        say(verdict_line(comparison), style="bold")
         print_blocks(terminal_report(comparison))
         counts = comparison.detections.iloc[-1]
         found = f"detected by {found_by(comparison.before.protocol)}"
@@ -87,7 +88,6 @@ def show(compared: Comparison) -> None:
              f"{counts.gained} newly detected, {counts.lost} newly missed")  # fmt: skip
         for told in comparison.notes:
             say(told)
-        say(verdict_line(comparison), style="bold")
     for comparison in compared.pairs:
         for remark in comparison.remarks:
             say(remark, style="red")

@@ -37,8 +37,8 @@ def judge(
 
     Args:
         run: stored, or its folder.
-        baseline: folder of a baseline or of a run. Default: yours in reports/baselines, which is named by the data set
-            and, for another protocol than paper-v1, by the protocol; where you have none, the shipped one.
+        baseline: folder of a baseline, or of an earlier run; default: reports/baselines/<data set>-<protocol>, without
+            -<protocol> for paper-v1; if it is missing, the baseline that ships with the package.
         tolerances: rules: default-v1, rendered-v1, or a YAML file.
         update: store the run as the baseline, and print what changes by it.
 

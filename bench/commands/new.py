@@ -53,7 +53,7 @@ def new(
     recording, and a test; an adapter is a package NAME/ with an example of its layout, a card and a test.
 
     Args:
-        kind: what to begin.
+        kind: what to write.
         name: letters, digits, - and _, such as my_method, my-data or my_format.
 
     Raises:

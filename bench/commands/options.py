@@ -84,7 +84,7 @@ InputErrors = Annotated[
     typer.Option(
         "--input-error",
         metavar="NAME=VALUE",
-        help="Disturb the method's input, for example pitch_deg=0.5; the reference keeps the truth; repeatable.",
+        help="Disturb the method's input, for example pitch_deg=0.5; the reference does not change; repeatable.",
     ),
     _settings("--input-error"),
 ]
@@ -135,7 +135,8 @@ def as_executor(workers: int | Executor | TaskExecutor) -> TaskExecutor:
 def rendering(scenario: Path, out: Path) -> Iterator[Report]:
     """A progress bar for rendering, and what is left when that is interrupted."""
     left = f"the recordings that are done are in {out}, and the same command goes on from there"
-    with interruptible(left), progress_bar(f"rendering {scenario.stem}", "recordings") as report:
+    title = f"rendering {scenario.name.partition('.')[0]} (compiling on first use)"
+    with interruptible(left), progress_bar(title, "recordings") as report:
         yield report
 
 

@@ -92,17 +92,6 @@ class Run:
         """One row per image; columns as in `frames.parquet`, without histograms."""
         return self.stored.frames().dropna(axis="columns", how="all")
 
-    def flat(self) -> dict[str, float | str]:
-        """Metrics, as "crossing.iou", and settings, as "settings.threshold", for a tracker of experiments."""
-        from bench.methods.settings import flat_settings
-
-        settings = flat_settings(self.manifest.method.settings)
-        metrics = {
-            f"{row}.{name}": float(value) for row, values in self.metrics.iterrows() for name, value in values.items()
-        }
-        named = {f"settings.{name}": str(value) for name, value in settings.items()}
-        return {**named, **metrics, "false_positives": self.false_positives}
-
     @property
     def false_positives(self) -> float:
         """Mean share of the image that is marked wrongly."""
@@ -170,7 +159,7 @@ def run(
         method: by name, as "module:Class", or an object of a class that derives from `bench.methods.Method`.
         settings: parameters of a method that is given by name.
         input_errors: injected into what the method is given, by the names of `bench.records.recording.InputErrors`, for
-            example `{"pitch_deg": 0.5}`; the reference keeps the truth.
+            example `{"pitch_deg": 0.5}`; the reference does not change.
         protocol: names or files with commas in between.
         split: of the data set; None for all of it.
         out: folder of the run; default: reports/runs/<data set>-<method>, with the settings that are given.

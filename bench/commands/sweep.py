@@ -44,13 +44,12 @@ def _values(option: str) -> Words:
     """Assignments of an option; several values of one, commas in between, are a list."""
 
     def parse(texts: list[str] | None) -> dict[str, object]:
-        from bench.methods.settings import flat_settings, parse_settings, split_values
+        from bench.methods.settings import flat_settings, parse_settings, parse_values
 
         chosen: dict[str, object] = {}
         for text in texts or ():
             name, equals, written = text.partition("=")
-            texts_of = split_values(name, written).values() if equals else ()
-            values = [parse_settings([f"value={value}"], option=option)["value"] for value in texts_of]
+            values = parse_values(name, written) if equals else []
             if len(values) > 1:
                 chosen[name] = values
             else:

@@ -17,7 +17,7 @@ def synthesize(
     out: Annotated[Path, typer.Option()],
     workers: Annotated[int | None, typer.Option(min=1)] = None,
 ) -> None:
-    """Render a scenario into recordings; up-to-date recordings stay.
+    """Render a scenario into recordings; those that are up to date are kept.
 
     Args:
         scenario: a scenario file.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -58,7 +58,7 @@ def view(
 
     Args:
         dataset: card, by path or by name.
-        recording: name of the recording; default: the first.
+        recording: name of one recording (commands that take several have --split); default: the first.
         camera: name of the camera; default: the first, with --calibration each.
         frame: index of an image, or a range that includes its last one; default: the middle image, for videos all.
         time_ns: the image nearest to this time, in ns.
@@ -128,7 +128,7 @@ def _open(card: DatasetCard, recording: str | None, camera: str | None) -> tuple
     """A recording and the names of its cameras, the one that is asked for first.
 
     Raises:
-        UnknownNameError: no such recording or camera.
+        UnknownNameError: no such recording or camera, of a scenario before anything is rendered.
         UsageError: the name of a split.
     """
     from bench.harness.datasets import Dataset
@@ -136,14 +136,22 @@ def _open(card: DatasetCard, recording: str | None, camera: str | None) -> tuple
 
     if recording in card.splits:
         raise UsageError(f"--recording: expected one recording, got the split {recording!r}")
+    if card.scenario is not None:
+        from bench.synthesis import read_scenario
+
+        scenario = read_scenario(card.scenario)
+        _refuse_unknown("recording", recording, [spec.name for spec in scenario.recordings])
+        _refuse_unknown("camera", camera, [mounted.name for mounted in scenario.cameras])
     options.rendered_card(card, recording)
-    data = Dataset(card=card, handles=open_dataset(card, recording))
-    if recording is not None and data.names != (recording,):
-        raise UnknownNameError("recording", recording, data.names)
-    opened = data[data.names[0]]
-    if camera is not None and camera not in opened.cameras:
-        raise UnknownNameError("camera", camera, opened.cameras)
+    data = Dataset(card=card, handles=open_dataset(card))
+    opened = data[recording or data.names[0]]
+    _refuse_unknown("camera", camera, opened.cameras)
     return opened, sorted(opened.cameras, key=lambda name: (name != camera, name))
+
+
+def _refuse_unknown(kind: str, name: str | None, known: Collection[str]) -> None:
+    if name is not None and name not in known:
+        raise UnknownNameError(kind, name, known)
 
 
 def _draw(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -122,15 +122,15 @@ def dense_flow(name: str, **parameters: object) -> FarnebackFlow | DisFlow:
     """The flow of a name.
 
     Raises:
-        UnknownNameError: no such flow.
-        UsageError: a parameter that the flow does not have.
+        UnknownNameError: no such flow, or a parameter that it does not have.
     """
     if name not in DENSE_FLOWS:
         raise UnknownNameError("dense flow", name, DENSE_FLOWS)
-    try:
-        return DENSE_FLOWS[name](**parameters)  # type: ignore[arg-type]
-    except TypeError as error:
-        raise UsageError(f"dense flow {name!r}: {error}") from error
+    known = [field.name for field in fields(DENSE_FLOWS[name])]
+    for parameter in parameters:
+        if parameter not in known:
+            raise UnknownNameError(f"parameter of the flow {name}", parameter, known)
+    return DENSE_FLOWS[name](**parameters)  # type: ignore[arg-type]
 
 
 def check_grey(images: Sequence[NDArray[np.uint8]], what: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -185,10 +186,11 @@ class Verdict:
 
     @property
     def headline(self) -> str:
-        """One line: passed or failed, and how many of each."""
-        numbers = {outcome: len(self.rows_with(outcome)) for outcome in Outcome}
+        """One line: passed or failed, and how many of each; of breakdowns only what failed or was not judged."""
+        always = (Outcome.FAILED, Outcome.NOT_JUDGED)
+        counts = Counter(row.outcome for row in self.told_rows if row.outcome in always or not row.of_breakdown)
         words = {Outcome.PASSED: "within tolerance"}
-        parts = [f"{count} {words.get(outcome, outcome.value)}" for outcome, count in numbers.items() if count]
+        parts = [f"{counts[outcome]} {words.get(outcome, outcome.value)}" for outcome in Outcome if counts[outcome]]
         if self.failed_checks:
             parts.insert(0, f"{len(self.failed_checks)} of {len(self.checks)} checks of the data failed")
         result = "passed" if self.passed else "FAILED" if self.judged else "WITHOUT A VERDICT"

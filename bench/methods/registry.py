@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
-from dataclasses import is_dataclass
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Annotated, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TypeVar
 
 from bench.errors import BenchError, UnknownNameError, UsageError
-from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit, unlike
+from bench.methods.contract import Method, Scorable, not_derived, refuse_unfit
+from bench.methods.settings import refuse_settings
 from bench.plug_ins import describe_error, imported, known_targets, undisturbed
 
 Kind = TypeVar("Kind", bound=Scorable)
@@ -90,13 +89,10 @@ def build(name: str, target: str, base: type[Kind], parameters: Mapping[str, obj
     """
     kind = _class(name, target, base)
     given = dict(parameters or {})
-    _refuse_values(name, kind, given)
+    refuse_settings(name, kind, given)
     try:
         with undisturbed():
             built = kind(**given)
-    except TypeError as error:
-        takes = ", ".join(inspect.signature(kind).parameters) or "no parameters"
-        raise UsageError(f"method {name!r} takes {takes}; {error}") from error
     except BenchError:
         raise
     except (Exception, SystemExit) as error:
@@ -110,27 +106,3 @@ def _class(name: str, target: str, base: type[Kind]) -> type[Kind]:
     if not (isinstance(loaded, type) and issubclass(loaded, base)):
         raise UsageError(f"method {name!r}: {not_derived(target.rpartition(':')[2])}")
     return loaded
-
-
-def _refuse_values(name: str, kind: type, parameters: Mapping[str, object]) -> None:
-    """Refuse what the annotations of a class's constructor exclude, where these are plain types, or limits of such.
-
-    Raises:
-        UsageError: for example text for a number: many a class would take it, and fail by it on the first image.
-    """
-    try:
-        hints = get_type_hints(kind if is_dataclass(kind) else kind.__init__, include_extras=True)  # type: ignore[misc]
-    except (NameError, TypeError):  # of names that only type checkers import
-        return
-    for parameter in parameters.keys() & {known for known, hint in hints.items() if _is_plain(hint)}:
-        value = parameters[parameter]
-        if expected := unlike(hints[parameter], value):
-            raise UsageError(f"{name}: expected {expected} for {parameter}, got {value!r}")
-
-
-def _is_plain(hint: object) -> bool:
-    if get_origin(hint) in (Union, UnionType):
-        return all(map(_is_plain, get_args(hint)))
-    if get_origin(hint) is Annotated:
-        return _is_plain(get_args(hint)[0])
-    return hint in (bool, int, float, str, NoneType) or get_origin(hint) is Literal

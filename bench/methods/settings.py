@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
+import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Annotated, Any
+from dataclasses import is_dataclass, replace
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from pydantic import Field
 
-from bench.errors import DataError, UsageError
+from bench.errors import DataError, UnknownNameError, UsageError
+from bench.methods.contract import unlike
 from bench.plain_yaml import parse_yaml
 
 Positive = Annotated[float, Field(gt=0)]
@@ -64,10 +66,55 @@ def flat_settings(settings: Mapping[str, object], parent: str = "") -> dict[str,
 
 
 def set_groups(method: object, **defaults: Any) -> None:
-    """Replace settings that were given as mappings by these data classes, changed by what the mappings hold."""
+    """Replace settings that were given as mappings by these data classes, changed by what the mappings hold.
+
+    Raises:
+        UsageError: a value that is neither, and as `refuse_settings`.
+    """
     for name, default in defaults.items():
-        if isinstance(given := getattr(method, name), Mapping):
+        given, kind = getattr(method, name), type(default)
+        if isinstance(given, Mapping):
+            refuse_settings(name, kind, given)
             object.__setattr__(method, name, replace(default, **given))
+        elif not isinstance(given, kind):
+            names = ", ".join(f"{name}.{part}" for part in inspect.signature(kind).parameters)
+            raise UsageError(f"{name}: expected values of {names}, got {given!r}")
+
+
+def refuse_settings(owner: str, kind: type, given: Mapping[str, object]) -> None:
+    """Refuse settings that a class does not have, and values that its annotations exclude.
+
+    Annotations count where they are plain types, or limits of such.
+
+    Args:
+        owner: for messages.
+        kind: the class that is built with them.
+        given: by name.
+
+    Raises:
+        UnknownNameError: no such setting.
+        UsageError: for example text for a number: many a class would take it, and fail by it on the first image.
+    """
+    parameters = inspect.signature(kind).parameters
+    takes_any = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values())
+    for name in () if takes_any else given:
+        if name not in parameters:
+            raise UnknownNameError(f"setting of {owner}", name, parameters)
+    try:
+        hints = get_type_hints(kind if is_dataclass(kind) else kind.__init__, include_extras=True)  # type: ignore[misc]
+    except (NameError, TypeError):  # of names that only type checkers import
+        return
+    for name in given.keys() & {known for known, hint in hints.items() if _is_plain(hint)}:
+        if expected := unlike(hints[name], given[name]):
+            raise UsageError(f"{owner}: expected {expected} for {name}, got {given[name]!r}")
+
+
+def _is_plain(hint: object) -> bool:
+    if get_origin(hint) in (Union, UnionType):
+        return all(map(_is_plain, get_args(hint)))
+    if get_origin(hint) is Annotated:
+        return _is_plain(get_args(hint)[0])
+    return hint in (bool, int, float, str, NoneType, dict[str, object]) or get_origin(hint) is Literal
 
 
 def _number(value: object) -> object:
@@ -80,15 +127,13 @@ def _number(value: object) -> object:
     return value
 
 
-def split_values(name: str, values: str) -> dict[str, str]:
-    """Split values of YAML at the commas between them: as they are shown, and as they are written.
+def parse_values(name: str, values: str) -> list[Any]:
+    """Parse values of YAML with commas in between.
 
     Raises:
         UsageError: they are no YAML.
     """
     try:
-        parsed = parse_yaml(f"[{values}]", file=name)
+        return [_number(value) for value in parse_yaml(f"[{values}]", file=name)]
     except DataError as error:
         raise UsageError(f"{name}: expected values of YAML with commas in between, got {values!r}") from error
-    written = [json.dumps(value, default=str) for value in parsed]
-    return {value if isinstance(value, str) else text: text for value, text in zip(parsed, written, strict=True)}

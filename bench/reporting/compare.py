@@ -377,8 +377,7 @@ NOTE = (
     "objects), for each pair of runs by itself. Better or worse is said of the four headlines only, and only if the "
     "interval excludes 0 and the corrected p-value is at most 5 %; both need "
     f"{FEWEST_RECORDINGS} recordings with cases of both runs: with fewer, the same change in all of them could be "
-    "chance. TPR and IoU over detected object-frames are taken over other object-frames in each run where detection "
-    "differs; TPR and IoU over all are not."
+    "chance."
 )
 _TERMINAL_NOTE = (
     "Differences in percentage points, with 95 % intervals by recording, in pairs; p: corrected over the rows of a "

@@ -240,7 +240,7 @@ def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain)
     """Convert to what a `rich` console prints, line by line and table by table.
 
     Args:
-        blocks: headings, paragraphs and tables; others are for pages and Markdown.
+        blocks: headings, paragraphs, tables, code of one line; others are for pages and Markdown.
         clean: makes a line harmless, whatever it holds.
     """
     for block in blocks:
@@ -249,6 +249,8 @@ def to_terminal(blocks: Iterable[Block], *, clean: Callable[[str], str] = plain)
                 yield Text(clean(block.text), style="bold")
             case Paragraph():
                 yield Text(clean(block.text), style=_RICH[block.style])
+            case Code():
+                yield Text(f"  {clean(block.text)}")
             case Table():
                 yield from (Text(clean(title), style="bold") for title in (block.title,) if title)
                 yield _rich_table(block, clean)

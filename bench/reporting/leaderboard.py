@@ -11,10 +11,9 @@ from dataclasses import replace
 from itertools import count, groupby
 from pathlib import Path
 from typing import Literal
-from urllib.parse import quote
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.errors import BenchError, DataError, UsageError
 from bench.evaluation.definitions import find_metric
@@ -87,7 +86,6 @@ class Entry(_Stored):
 
     Attributes:
         run: folder, relative to the one that was searched.
-        folder: of the run; not stored.
         method: as readers call it, with those settings in which its runs of the group differ from its defaults.
         key: that `--method` takes.
         about: what it does, in a line; "" where that is not known here.
@@ -106,7 +104,6 @@ class Entry(_Stored):
     """
 
     run: str
-    folder: Path = Field(default=Path(), exclude=True)
     method: str
     key: str
     about: str
@@ -137,7 +134,7 @@ class RankedGroup(_Stored):
         reference_digest: of the reference on these images.
         cases: row -> object-frames and recordings; all moving objects, then the categories that occur.
         ceilings: row -> metric -> value of the exact masks; what is unknown is left out.
-        entries: best first by IoU over all moving object-frames.
+        entries: methods, best first by IoU over all moving object-frames, then what bounds them.
         unreviewed: says that nobody has looked at the annotations, as `RunSummary.unreviewed`.
     """
 
@@ -185,7 +182,7 @@ class RankedGroup(_Stored):
         return all(getattr(self, name) == getattr(other, name) for name in same)
 
     def ranked(self, entries: Sequence[Entry], **others: object) -> RankedGroup:
-        """The group with other entries, in the order of their IoU, each method with its rank."""
+        """The group with other entries, methods with their ranks before what bounds them, both in the order of IoU."""
         ranks = count(1)
         ordered = tuple(
             entry.model_copy(update={"rank": next(ranks) if entry.kind == "method" else None})
@@ -194,9 +191,9 @@ class RankedGroup(_Stored):
         return self.model_copy(update={"entries": ordered} | others)
 
 
-def _best_first(entry: Entry) -> tuple[float, str]:
+def _best_first(entry: Entry) -> tuple[bool, float, str]:
     value = entry.metrics[ORDERED_BY].value
-    return (math.inf if math.isnan(value) else -value), entry.run
+    return entry.kind != "method", (math.inf if math.isnan(value) else -value), entry.run
 
 
 class Leaderboard(_Stored):
@@ -349,7 +346,6 @@ def _entry(run: StoredRun, differing: Mapping[str, object], *, rows: Mapping[str
     known = method.is_own and method.place == known_methods().get(method.name)
     return Entry(
         run=run.label,
-        folder=run.folder,
         method=", ".join([NAMES.get(method.name, method.name.replace("-", " ")), *changed]),
         key=method.called,
         about=describe_method(method.place) if known else "",
@@ -439,11 +435,11 @@ def leaderboard_tables(board: Leaderboard) -> Iterator[Block]:
     yield from (Paragraph(note, "dim") for note in NOTES)
 
 
-def _main_table(group: RankedGroup, *, out: Path | None = None, without: str = "") -> Table:
-    """Metrics over all moving objects, and the cost; names lead to the pages of runs inside `out`."""
+def _main_table(group: RankedGroup, *, without: str = "") -> Table:
+    """Metrics over all moving objects, and the cost."""
     names = [name for name in group.entries[0].metrics if name != without]
     columns = {(ALL_MOVING, name): find_metric(name).label for name in names}
-    return _table(group, columns, title=formats.LABELS[ALL_MOVING], out=out, costs=True)
+    return _table(group, columns, title=formats.LABELS[ALL_MOVING], costs=True)
 
 
 def _kinds_table(group: RankedGroup) -> Table:
@@ -456,23 +452,16 @@ def _kinds_table(group: RankedGroup) -> Table:
     return _table(group, columns, title="IoU by kind of motion (object-frames, recordings)")
 
 
-def _table(
-    group: RankedGroup,
-    columns: Mapping[tuple[str, str], str],
-    *,
-    title: str,
-    out: Path | None = None,
-    costs: bool = False,
-) -> Table:
-    """Metrics of rows with a bar, the interval across it and a tick at the ceiling; the ceiling first if not a run."""
+def _table(group: RankedGroup, columns: Mapping[tuple[str, str], str], *, title: str, costs: bool = False) -> Table:
+    """Metrics of rows with a bar, the interval across it and a tick at the ceiling; the ceiling last if not a run."""
     ceilings = {key: group.ceilings[key[0]].get(key[1]) for key in columns}
     rows: list[list[object]] = []
+    for entry in group.entries:
+        cells = [formats.bar_cell(entry.values[row][name], tick=tick) for (row, name), tick in ceilings.items()]
+        rows.append([_rank(group, entry), _named(entry), *cells, *([entry.cost_ms] if costs else [])])
     if any(ceilings.values()) and all(entry.kind != "ceiling" for entry in group.entries):
         line = [None if value is None else Cell(formats.percent(value)) for value in ceilings.values()]
         rows.append(["", Cell("ceiling: the exact masks", style="dim"), *line, *([None] if costs else [])])
-    for entry in group.entries:
-        cells = [formats.bar_cell(entry.values[row][name], tick=tick) for (row, name), tick in ceilings.items()]
-        rows.append([_rank(group, entry), _named(entry, out), *cells, *([entry.cost_ms] if costs else [])])
     cost = [Column("ms per image", "{:.1f}".format)] if costs else []
     return Table(title=title, columns=["Rank", "Method, run", *columns.values(), *cost], rows=rows, words=2)
 
@@ -487,7 +476,7 @@ def _rank(group: RankedGroup, entry: Entry) -> Cell:
     return Cell(str(entry.rank), () if entry.behind or not_compared else ("or 1",))
 
 
-def _named(entry: Entry, out: Path | None) -> Cell:
+def _named(entry: Entry) -> Cell:
     """The method, the kind of what is none, what is to be known of the run; its key and the run's folder below."""
     told = {
         entry.kind: entry.kind != "method",
@@ -499,14 +488,7 @@ def _named(entry: Entry, out: Path | None) -> Cell:
         ", ".join([entry.method, *(words for words, true in told.items() if true)]),
         ("masks of `evaluate`" if entry.key == PREDICTED else f"--method {entry.key}", entry.run),
         "" if entry.kind == "method" else "dim",
-        link="" if out is None or entry.shipped else _page(entry.folder, out.resolve()),
     )
-
-
-def _page(run: Path, out: Path) -> str:
-    """Address of the page of a run inside `out`; of others "", which do not travel with the leaderboard."""
-    page = (run / "index.html").resolve()
-    return quote(page.relative_to(out).as_posix()) if page.is_relative_to(out) and page.is_file() else ""
 
 
 def _methods(board: Leaderboard) -> Group:
@@ -528,7 +510,7 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
     others = Items([f"{run}: {reason}" for run, reason in board.not_ranked])
     not_ranked = [section("not-ranked", "Runs that are not ranked", [others])] if board.not_ranked else []
     notes = [Paragraph(note, "dim") for note in NOTES]
-    tables = [_group(group, out) for group in board.groups]
+    tables = [_group(group) for group in board.groups]
     first: Mapping[str, str] = tables[0].tags if tables else {}
     choices = [Choice(tag, label, first.get(tag, "")) for tag, label in TAGS.items()]
     page: list[Block] = [
@@ -551,7 +533,7 @@ def write_leaderboard(board: Leaderboard, out: Path) -> tuple[Path, ...]:
 TAGS = {"dataset": "Data set", "protocol": "Protocol"}  # of tables, by which the page filters them
 
 
-def _group(group: RankedGroup, out: Path) -> Group:
+def _group(group: RankedGroup) -> Group:
     data = f"{group.dataset}, {group.split}" if group.split else group.dataset
-    tables = [_main_table(group, out=out), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
+    tables = [_main_table(group), *([_kinds_table(group)] if len(group.cases) > 1 else [])]
     return Group(title=group.title, blocks=tables, tags=dict(zip(TAGS, (data, group.protocol), strict=True)))

@@ -127,16 +127,15 @@ def breakdown_tables(metrics: Summary) -> list[Table]:
     return tables
 
 
-def remarks(metrics: Summary) -> Iterator[Paragraph]:
+def remarks(metrics: Summary, failures: Sequence[str] = ()) -> Iterator[Paragraph]:
     """What a reader should know first: what could not be scored."""
     if not metrics.all_moving.object_frames:
         why = not_annotated(metrics) or "No object-frame was evaluated: there is nothing to say of moving objects."
         yield Paragraph(why, "warn")
-    images = metrics.images
-    if left := images.failed + images.skipped:
-        yield Paragraph(
-            f"{left} of {counted(images.images, 'image')} could not be scored; the last section says why.", "bad"
-        )
+    images, few = metrics.images, counted(len(failures), "failure")
+    if (left := images.failed + images.skipped) or failures:
+        told = f"{left} of {counted(images.images, 'image')} could not be scored, with {few}"
+        yield Paragraph(f"{told}: all values are of the rest; the last section says why.", "bad")
 
 
 # The worst cases.
@@ -442,12 +441,9 @@ def _head(run: StoredRun) -> list[Block]:
 
 
 def _glance(run: StoredRun, examples: Sequence[Block]) -> Iterator[Block]:
-    metrics, failures = run.metrics, run.summary.failures
+    metrics = run.metrics
     yield tiles(metrics, large_px=run.protocol.scoring.false_positive_component_px)
-    yield from remarks(metrics)
-    if failures:
-        few = counted(len(failures), "failure")
-        yield Paragraph(f"{few} while scoring: all values are of the rest, the last section lists them.", "bad")
+    yield from remarks(metrics, run.summary.failures)
     yield from examples
     words = {
         find_metric(name).label: find_metric(name).meaning

@@ -50,11 +50,6 @@ def interval_text(metric: str, interval: tuple[float, float] | None) -> str:
     return "" if interval is None else f"[{', '.join(_text(metric, end, sign='+') for end in interval)}]"
 
 
-def allowed_text(metric: str, allowed: float) -> str:
-    """Text of what is tolerated: "1.5 pt", "4.50", "" for NaN."""
-    return _text(metric, allowed, unit=" pt")
-
-
 def _text(metric: str, value: float, *, unit: str = "", sign: str = "") -> str:
     if math.isnan(value):
         return ""
@@ -69,7 +64,7 @@ def row_text(row: Row) -> str:
         f"{change_text(metric, row.difference)} {interval_text(metric, row.ci95)}"
     ).rstrip()
     if not math.isnan(row.allowed):
-        text += f", tolerated {allowed_text(metric, row.allowed)}"
+        text += f", tolerated {_text(metric, row.allowed, unit=' pt')}"
     return "; ".join(part for part in (text, worst_text(row), row.reason) if part)
 
 
@@ -83,6 +78,16 @@ def overall_rows(verdict: Verdict) -> list[Row]:
     """The headline metrics over everything."""
     rows = {row.metric: row for row in verdict.rows if row.slice_name in {ALL_MOVING, FRAMES}}
     return [rows[metric.name] for metric in headlines() if metric.name in rows]
+
+
+def fallen_line(verdict: Verdict) -> str:
+    """The headlines over everything that are worse although the gate passed; "" where none is."""
+    words, fallen = {Outcome.PASSED: "within tolerance", Outcome.SUSPECT: "suspect"}, []
+    for row in overall_rows(verdict) if verdict.passed else ():
+        was, now = (value_text(row.metric, value) for value in (row.before, row.after))
+        if row.worsening > 0 and was != now:
+            fallen.append(f"{find_metric(row.metric).label} {was} -> {now} ({words.get(row.outcome, row.outcome)})")
+    return f"worse than the baseline: {'; '.join(fallen)}" if fallen else ""
 
 
 def main_rows(verdict: Verdict) -> list[Row]:
@@ -134,13 +139,18 @@ def change_lines(verdict: Verdict) -> list[str]:
     ]
 
 
-def worst_line(verdict: Verdict) -> str:
-    """Recordings that most of the worst loss comes from, of the overall rows before others; "" without a loss."""
+def worst_row(verdict: Verdict) -> Row | None:
+    """The row of the worst loss, an overall one before others; None without a loss."""
     overall, main = overall_rows(verdict), main_rows(verdict)
     worse = [row for row in verdict.rows if row.outcome in WORSE and row.worst_recordings]
-    if not worse:
+    first = [(row not in overall, row not in main, row.outcome is not Outcome.FAILED, -row.severity) for row in worse]
+    return worse[first.index(min(first))] if worse else None
+
+
+def worst_line(verdict: Verdict) -> str:
+    """Recordings that most of the worst loss comes from; "" without a loss."""
+    if (worst := worst_row(verdict)) is None:
         return ""
-    worst = min(worse, key=lambda r: (r not in overall, r not in main, r.outcome is not Outcome.FAILED, -r.severity))
     lost = (
         f"{own.recording} {value_text(worst.metric, own.before)} -> {value_text(worst.metric, own.after)}"
         for own in worst.worst_recordings
@@ -254,11 +264,12 @@ def _clean(text: str) -> str:
 
 
 MOST_ROWS = 1000  # of the summary, of which GitHub takes 1 MiB; names of slices are short
-_MARKS = {
-    Outcome.FAILED: "❌ failed",
-    Outcome.SUSPECT: "⚠️ suspect",
-    Outcome.IMPROVED: "✅ improved",
-    Outcome.PASSED: "within tolerance",
+_LOOKS: dict[Outcome, tuple[str, Style]] = {  # mark and colour
+    Outcome.FAILED: ("❌ ", "bad"),
+    Outcome.SUSPECT: ("⚠️ ", "warn"),
+    Outcome.IMPROVED: ("✅ ", "good"),
+    Outcome.PASSED: ("", ""),
+    Outcome.NOT_JUDGED: ("", "dim"),
 }
 CAPTION = (
     "Recs: recordings with cases of both. Percent and percentage points; components per image. Suspect: worse than "
@@ -274,6 +285,8 @@ def first_blocks(verdict: Verdict, *, with_notes: bool = False) -> Iterator[Bloc
         verdict: of a run.
         with_notes: as of `row_table`.
     """
+    if fallen := fallen_line(verdict):
+        yield Paragraph(fallen)
     yield Paragraph(verdict.subject)
     yield from (Paragraph(line, "bad") for line in check_lines(verdict))
     yield from map(Paragraph, change_lines(verdict))
@@ -304,7 +317,7 @@ def to_markdown(verdict: Verdict) -> str:
     blocks += [*first_blocks(verdict, with_notes=True), *other_blocks(verdict, with_notes=True)]
     blocks += accept_blocks(verdict)
     shown = [*overall_rows(verdict), *main_rows(verdict)]
-    others = [row for outcome in _MARKS for row in verdict.rows_with(outcome) if row not in shown]
+    others = [row for outcome in (*NOTABLE, Outcome.PASSED) for row in verdict.rows_with(outcome) if row not in shown]
     if others:
         cut = len(others) - MOST_ROWS
         note = f"Left out: {counted(cut, 'more row')}, all are in the JSON and JUnit files." if cut > 0 else ""
@@ -341,24 +354,20 @@ def row_table(rows: Iterable[Row], *, with_notes: bool = False, caption: str = "
     lines = []
     for row in rows:
         metric = row.metric
-        plain_word = "within" if row.outcome is Outcome.PASSED else row.outcome.value
-        outcome = _MARKS.get(row.outcome, plain_word) if with_notes else plain_word
+        mark, style = _LOOKS[row.outcome]
+        outcome = "within" if row.outcome is Outcome.PASSED else row.outcome.value
         values = (value_text(metric, value) for value in (row.before, row.after))
-        style = STYLES[row.outcome]
-        line = [Cell(outcome, style=style), row.slice_name, metric, row.recordings, *values]
+        line = [
+            Cell(f"{mark if with_notes else ''}{outcome}", style=style),
+            row.slice_name,
+            metric,
+            row.recordings,
+            *values,
+        ]
         line += [Cell(change_text(metric, row.difference), style=style), interval_text(metric, row.ci95)]
         note = ["; ".join(part for part in (worst_text(row), row.reason) if part)] if with_notes else []
-        lines.append([*line, allowed_text(metric, row.allowed), *note])
+        lines.append([*line, _text(metric, row.allowed, unit=" pt"), *note])
     return Table(columns=[*_HEADINGS, *(["Note"] if with_notes else [])], rows=lines, words=3, note=caption)
-
-
-STYLES: dict[Outcome, Style] = {
-    Outcome.FAILED: "bad",
-    Outcome.SUSPECT: "warn",
-    Outcome.IMPROVED: "good",
-    Outcome.PASSED: "",
-    Outcome.NOT_JUDGED: "dim",
-}
 
 
 SCHEMA_VERSION = 1
@@ -366,7 +375,7 @@ SCHEMA_VERSION = 1
 
 def to_json(verdict: Verdict) -> str:
     """All checks and all rows; NaN and infinity become null."""
-    run = verdict.run
+    run, worst = verdict.run, worst_row(verdict)
     content = {
         "schema_version": SCHEMA_VERSION,
         "passed": verdict.passed,
@@ -376,6 +385,7 @@ def to_json(verdict: Verdict) -> str:
         "method": run.method.name if run else "",
         "protocol": run.protocol.name if run else "",
         "tolerances": verdict.tolerances,
+        "worst_recording": "" if worst is None else worst.worst_recordings[0].recording,
         "changes": [{"what": what, "text": text} for what, text in verdict.changes.items()],
         "baseline": verdict.baseline and verdict.baseline.code.model_dump(mode="json"),
         "run": run and run.code.model_dump(mode="json"),

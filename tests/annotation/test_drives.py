@@ -103,7 +103,7 @@ def test_one_broken_drive_stops_no_other(card):
     ("words", "told"),
     [
         (("evaluate", "--reviews", "reviews"), "annotate propose"),
-        (("propose", "--recording", "other"), "unknown split or recording"),
+        (("propose", "--split", "other"), "unknown split or recording"),
     ],
 )
 def test_a_mistake_is_one_line(card, monkeypatch, capsys, words, told):

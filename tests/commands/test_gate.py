@@ -71,6 +71,8 @@ def test_a_worse_run_fails_in_every_form(monkeypatch, runs, tmp_path):
     assert any(line.split()[:3] == ["failed", "all_moving", "iou"] for line in first)
     assert any(line.startswith("most of ") for line in first)
     assert any(f"fisheye-bench compare reports/runs/baseline {runs['nothing']}" in line for line in first)
+    wanted = f"  fisheye-bench gate {runs['nothing']} --baseline {runs['baseline']} --update"
+    assert f"make this run the baseline, and commit it:\n{wanted}\n" in shown
     assert JUnitXml.fromfile(str(tmp_path / "ci" / "gate.xml")).failures > 0
     assert json.loads((tmp_path / "gate.json").read_text())["passed"] is False
     told = summary.read_text()

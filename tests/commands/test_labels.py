@@ -119,7 +119,7 @@ KNOWN = "pedestrian, cyclist, vehicle, animal, unclear"
             (*IMPORT, "drive", "--frame", "base=camera"),
             "frame 'base': expected one of vehicle, lidar, world, got 'camera'",
         ),
-        ((*EXPORT, "--format", "openlabel", "--recording", "dirve"), "did you mean 'drive'?"),
+        ((*EXPORT, "--format", "openlabel", "--split", "dirve"), "did you mean 'drive'?"),
         ((*EXPORT, "--format", "kitti"), "unknown label format 'kitti'"),
         ((*EXPORT, "--format", "semantickitti"), "got one that is only read"),
         (EXPORT, "expected a format to write annotations in, got none; name one with --format"),

@@ -63,7 +63,7 @@ def test_it_can_be_looked_at_validated_and_exported(unlabelled, monkeypatch, tmp
     card, run, _ = unlabelled
     assert call(monkeypatch, "view", card, "--out", tmp_path / "view", "--frame", 2) == 0
     assert call(monkeypatch, "validate", card, "--errors-only") == 0
-    words = ("--annotated", "--format", "openlabel", "--recording", "crossing", "--out", tmp_path / "labels")
+    words = ("--annotated", "--format", "openlabel", "--split", "crossing", "--out", tmp_path / "labels")
     assert call(monkeypatch, "annotate", "export", card, *words) == 0
     assert call(monkeypatch, "report", run, "--out", tmp_path / "page.html") == 0
     assert "Not annotated: no scores" in (tmp_path / "page.html").read_text()

@@ -60,7 +60,7 @@ def places(tiny_card, tmp_path_factory) -> dict[str, str]:
         words = ("gate", folder / "runs" / "nothing", "--baseline", folder / "b", "--update")
         assert call(monkeypatch, *words) == 0
         words = ("annotate", "export", tiny_card, "--annotated", "--format", "openlabel", "--out", folder / "labels")
-        assert call(monkeypatch, *words, "--recording", "crossing") == 0
+        assert call(monkeypatch, *words, "--split", "crossing") == 0
     *_, image = sorted((tiny_card.parent / "data" / "tiny" / "crossing" / "images" / "front").glob("*.png"))
     (folder / "predictions" / "crossing" / "front").mkdir(parents=True)
     cv2.imwrite(str(folder / "predictions" / "crossing" / "front" / image.name), np.zeros((240, 320), np.uint8))

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from bench.commands import console
 from bench.commands.app import app, user_message
-from bench.methods.settings import split_values
+from bench.methods.settings import parse_values
 from bench.recordings import load_card
 from bench.reporting.document import Table
 from tests.support import tiny
@@ -140,7 +140,7 @@ def test_an_example_is_parsed(command, example):
     assert dataset is None or dataset.startswith(OURS) or load_card(dataset).name == dataset
     for text in [*(found.get("set_") or ()), *(found.get("input_error") or ())]:
         name, _, values = text.partition("=")
-        assert split_values(name, values)
+        assert parse_values(name, values)
 
 
 NOT_TEXT = b"caf\xe9"

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bench.errors import UsageError
-from bench.methods.settings import parse_settings, split_values
+from bench.methods.settings import parse_settings, parse_values
 from tests.support.commands import call, error_line, output_of
 
 UNLIKE = {"provenance": None, "sha256": None}  # of equal runs
@@ -76,20 +76,20 @@ def test_settings_nest_numbers_are_numbers_and_values_are_yaml_between_commas():
     ):
         with pytest.raises(UsageError, match=message):
             parse_settings(texts)
-    assert split_values("x", "1e-4, 3,dis") == {"1e-4": '"1e-4"', "3": "3", "dis": '"dis"'}
-    assert split_values("x", "[1,2],[3]") == {"[1, 2]": "[1, 2]", "[3]": "[3]"}
-    assert split_values("x", "{epipolar: 0},{}") == {'{"epipolar": 0}': '{"epipolar": 0}', "{}": "{}"}
+    assert parse_values("x", "1e-4, 3,dis") == [1e-4, 3, "dis"]
+    assert parse_values("x", "[1,2],[3]") == [[1, 2], [3]]
+    assert parse_values("x", "{epipolar: 0},{}") == [{"epipolar": 0}, {}]
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--set", "treshold=1,2"), "takes cell_size_px"),
+        (("--set", "treshold=1,2"), "did you mean 'threshold'"),
         (("--set", "threshold=1e-3,many"), "spherical: expected a valid number for threshold, got 'many'"),
         (("--set", "threshold=1e-3,,2e-3"), "expected values of YAML with commas in between"),
         (("--set", "threshold=1e-3"), "expected one --set or --input-error with several values"),
         (("--set", "threshold=1,2", "--set", "cell_size_px=5,8"), "threshold=3e-4,6e-4,1e-3, got 2"),
-        (("--set", "threshold=1,2", "--method", "nothing"), "takes no parameters"),
+        (("--set", "threshold=1,2", "--method", "nothing"), "known are none"),
         (("--input-error", "pitch=1,2"), "did you mean 'pitch_deg'"),
         (("--input-error", "pitch_deg=1,far"), "input error pitch_deg: expected a number, got 'far'"),
         (("--input-error", "image_noise_grey=0,-1"), "expected a number of at least 0"),

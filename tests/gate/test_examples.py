@@ -69,8 +69,9 @@ def test_a_run_with_failures_is_judged_all_the_same(tmp_path):
 def test_the_action_scores_and_judges():
     action = yaml.safe_load((Path(__file__).parents[2] / "action.yml").read_text("utf-8"))
     steps = [step for step in action["runs"]["steps"] if "fisheye-bench " in step.get("run", "")]
-    called = [shlex.split(step["run"].partition("||")[0]) for step in steps]
-    assert [words[1] for words in called] == ["run", "gate"]
+    lines = [line.partition("fisheye-bench ")[1:] for step in steps for line in step["run"].splitlines()]
+    called = [shlex.split("".join(line).partition("||")[0]) for line in lines if line[0]]
+    assert [words[1] for words in called] == ["run", "gate", "view"]
     for words in called:
         assert {word for word in words if word.startswith("--")} <= options_of(words[1])
     values = " ".join(value for step in steps for value in step["env"].values())

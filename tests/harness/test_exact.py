@@ -40,7 +40,7 @@ def test_it_is_no_method(monkeypatch, tiny_card, capsys):
     assert set(scorable_methods()) == {"reference", "truth", *known_methods()}
     assert call(monkeypatch, "audit", tiny_card, "--method", "reference") == 2
     assert "unknown method 'reference'" in capsys.readouterr().err
-    with pytest.raises(Exception, match="takes no parameters"):
+    with pytest.raises(Exception, match="unknown setting of reference"):
         build_scorable("reference", {"sees_the_reference": False})
     assert build_scorable("nothing").settings() == build_method("nothing").settings()
 

@@ -13,6 +13,7 @@ from bench.reporting import verdict
 from bench.reporting.document import Paragraph
 from bench.reporting.verdict import (
     change_lines,
+    fallen_line,
     first_blocks,
     folded_lines,
     main_rows,
@@ -62,6 +63,25 @@ def test_one_kind_of_motion_alone_is_told_once():
     one_by_its_own = verdict_of(run(*[0.9] * 8), run(*[0.5] * 8), lenient)
     assert [(row.slice_name, row.metric) for row in main_rows(one_by_its_own)] == [("static_ego", "iou")]
     assert one_by_its_own.headline.startswith("gate FAILED: 3 failed")
+
+
+def test_a_gate_that_passes_says_which_headlines_fell():
+    """Breakdowns cut the same object-frames once more, so that the first line counts none of them."""
+    before = {
+        "all_moving": {"iou": sums([0.9] * 6), "tpr_all": sums([0.9] * 6)},
+        "points=[1, 2)": {"iou": sums([0.9] * 6)},
+    }
+    after = {
+        "all_moving": {"iou": sums([0.899] * 6), "tpr_all": sums([0.9] * 5 + [0.6])},
+        "points=[1, 2)": {"iou": sums([0.5] * 6)},
+    }
+    found = verdict_of(scored(before), scored(after))
+    assert found.headline == "gate passed: 1 suspect, 1 within tolerance"
+    fell = "worse than the baseline: IoU, all 90.0 % -> 89.9 % (within tolerance); TPR, all 90.0 % -> 85.0 % (suspect)"
+    assert fallen_line(found) == fell
+    assert f"\n{fell}\n" in to_markdown(found).replace("\\", "")
+    assert folded_lines(found)[0] == "suspect in breakdowns: 1 (points 1)"
+    assert fallen_line(verdict_of(scored(after), scored(before))) == ""
 
 
 def with_message(verdict, message):
@@ -185,7 +205,7 @@ def test_annotations_escape_what_would_start_another_command(mixed):
 def test_the_summary_tells_failures_first(mixed):
     text = to_markdown(mixed)
     rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| Outcome")]
-    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "tolerance"]
+    assert [row.split("|")[1].split()[-1] for row in rows] == ["failed", "suspect", "improved", "within"]
     assert text.startswith("## gate FAILED: 1 of 3 checks of the data failed, 1 failed, 1 suspect, 1 improved, ")
     assert "\nfailed: data changed" in text
     assert "most in drive-5" in rows[1]
@@ -220,6 +240,7 @@ def test_json_holds_everything_and_no_nan(mixed):
     content = json.loads(to_json(mixed), parse_constant=pytest.fail)
     assert content["passed"] is False
     assert len(content["rows"]) == 5
+    assert content["worst_recording"] == "drive-0", "as the terminal names it"
     assert len(content["checks"]) == 3
     failed = next(row for row in content["rows"] if row["outcome"] == "failed")
     assert (failed["slice"], failed["metric"], failed["before"], failed["after"]) == ("crossing", "tpr_all", 0.9, 0.5)

@@ -65,8 +65,8 @@ def test_the_page_begins_with_the_headlines_and_the_ceiling_of_iou():
 
 def test_what_was_not_scored_is_said():
     images = FrameLedger(images=10, evaluated=7, failed=2, skipped=1, problems={})
-    assert [remark.text for remark in remarks(summary().model_copy(update={"images": images}))] == [
-        "3 of 10 images could not be scored; the last section says why."
+    assert [remark.text for remark in remarks(summary().model_copy(update={"images": images}), ["a", "b"])] == [
+        "3 of 10 images could not be scored, with 2 failures: all values are of the rest; the last section says why."
     ]
     (none,) = remarks(summary().model_copy(update={"all_moving": object_figures(math.nan)}))
     assert (none.style, none.text) == (
