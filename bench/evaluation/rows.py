@@ -6,7 +6,7 @@ recordings at once: what would not fit into memory is read in parts of whole rec
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import fields
 from typing import Any
 
@@ -73,6 +73,20 @@ def to_frame(table: pa.Table) -> pd.DataFrame:
 def merge_rows(one: pd.DataFrame, other: pd.DataFrame, *, on: Sequence[str]) -> pd.DataFrame:
     """The rows whose key both have; columns that both have get the suffixes "_before" and "_after"."""
     return one.merge(other, on=list(on), suffixes=("_before", "_after"))
+
+
+def pick(parts: Iterable[pd.DataFrame], choose: Callable[[pd.DataFrame], pd.DataFrame]) -> pd.DataFrame:
+    """The few rows that are chosen of all parts, with one part in memory at a time.
+
+    Args:
+        parts: at least one, in the order of their key, so that a stable sort leaves equals in it.
+        choose: of the rows that were chosen before and those of the next part.
+    """
+    found: pd.DataFrame | None = None
+    for part in parts:
+        found = choose(part if found is None else pd.concat([found, part], ignore_index=True))
+    assert found is not None, "there is at least one part"
+    return found
 
 
 def sort_rows(rows: pd.DataFrame, key: Sequence[str]) -> pd.DataFrame:

@@ -38,7 +38,7 @@ from bench.evaluation.sums import read_sums, sum_run, write_sums
 from bench.evaluation.thresholds import HISTOGRAM_COLUMNS, IMAGES_AT_ONCE, ThresholdFreeMetrics, threshold_free_metrics
 from bench.execution import largest_resident_mb
 from bench.harness.answers import ANSWERS, FAILED, Answer, read_answers, safe_name
-from bench.harness.counts import COLUMNS, COUNTS, TABLES, TableName, read_parts
+from bench.harness.counts import COLUMNS, COUNTS, TABLES, TableName, read_counts, read_parts, stored_recordings
 from bench.harness.digests import short_digest
 from bench.harness.manifest import MANIFEST, Manifest, write_manifest
 from bench.plain_text import listed
@@ -188,11 +188,17 @@ class StoredRun:
         """Rows of `FRAMES_SCHEMA`, in memory; without the histograms unless these are named."""
         return pd.concat(self.parts("frames", columns), ignore_index=True)
 
-    def evaluated(self, table: TableName, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """The evaluated rows of a table, in memory."""
-        names = list(COLUMNS[table] if columns is None else columns)
-        parts = self.parts(table, list(dict.fromkeys([*names, "status"])))
-        return pd.concat([rows.loc[rows["status"] == EVALUATED, names] for rows in parts], ignore_index=True)
+    def evaluated(
+        self, table: TableName, columns: Sequence[str] | None = None, *, recording: str | None = None
+    ) -> pd.DataFrame:
+        """The evaluated rows of a table, of one recording or in memory all together."""
+        if recording is None:
+            names = stored_recordings(self.folder)
+            return pd.concat([self.evaluated(table, columns, recording=name) for name in names], ignore_index=True)
+        chosen = list(COLUMNS[table] if columns is None else columns)
+        rows = read_counts(self.folder, table, recording, list(dict.fromkeys([*chosen, *IMAGE, "status"])))
+        rows = rows[rows["status"] == EVALUATED]
+        return (rows if self.common is None else merge_rows(rows, self.common, on=IMAGE))[chosen]
 
     def histograms(self) -> Iterator[pd.DataFrame]:
         """The columns of frames that `bench.evaluation.thresholds` reads, some whole recordings at a time."""

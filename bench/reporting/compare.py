@@ -33,9 +33,10 @@ from bench.evaluation.comparison import (
 )
 from bench.evaluation.definitions import false_share, find_metric, headlines, image_metrics, object_metrics
 from bench.evaluation.intervals import FEWEST_RECORDINGS
-from bench.evaluation.rows import IMAGE, merge_rows
+from bench.evaluation.rows import IMAGE, merge_rows, pick
 from bench.evaluation.sums import ALL_MOVING, CATEGORY, FRAMES, recording_values
 from bench.execution import Progress
+from bench.harness.counts import TableName, stored_recordings
 from bench.harness.digests import short_digest
 from bench.harness.frames import FramePipeline, ProcessedFrame
 from bench.harness.manifest import Aspect, Manifest, all_settings, differences
@@ -231,18 +232,26 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
         frames: columns `CHANGED`, of each kind at most `LISTED`, and at most one of each track; the largest change of
             coverage first, of equals the largest object.
     """
-    sides = [run.evaluated("objects", COMPARED) for run in (before, after)]
-    rows = object_changes(*sides, level=formats.found_level(before.protocol))
-    lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
-    numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
-    counts = pd.DataFrame({"category": rows["category"], "object_frames": 1, **numbers, "gained": gained, "lost": lost})
-    change = (rows["coverage_after"] - rows["coverage_before"]).astype(float)
-    kinds = {Kind.LOST: lost, Kind.GAINED: gained}
-    kinds |= {Kind.FELL: both & (change < 0), Kind.ROSE: both & (change > 0)}
-    changed = _of_kinds(rows, kinds, size=change.abs())
-    ranked = changed.sort_values(["size", "region_px"], ascending=False, kind="stable")
-    listed = ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(LISTED)
-    by_category = counts.groupby("category").sum().astype(int)
+    counts: list[pd.DataFrame] = []
+
+    def parts() -> Iterator[pd.DataFrame]:
+        for sides in _pairs(before, after, "objects", COMPARED):
+            rows = object_changes(*sides, level=formats.found_level(before.protocol))
+            lost, gained, both = (rows["change"] == change for change in ("lost", "gained", "both"))
+            numbers = {run: rows[f"detected_{run}"].astype(bool) for run in ("before", "after")}
+            numbers |= {"gained": gained, "lost": lost}
+            counts.append(rows[["category"]].assign(object_frames=1, **numbers).groupby("category").sum())
+            change = (rows["coverage_after"] - rows["coverage_before"]).astype(float)
+            kinds = {Kind.LOST: lost, Kind.GAINED: gained}
+            kinds |= {Kind.FELL: both & (change < 0), Kind.ROSE: both & (change > 0)}
+            yield _of_kinds(rows, kinds, size=change.abs())
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        ranked = rows.sort_values(["size", "region_px"], ascending=False, kind="stable")
+        return ranked.drop_duplicates(["kind", "recording", "track_id"]).groupby("kind").head(LISTED)
+
+    listed = pick(parts(), largest)
+    by_category = pd.concat(counts).groupby("category").sum().astype(int)
     by_category.loc[ALL_MOVING] = by_category.sum()
     names = [*map(str, before.protocol.reference.categories), ALL_MOVING]
     words = [f"{row['object_class']} '{row['track_id']}', {row['category'].replace('_', ' ')}, {row['range_m']:.1f} m"
@@ -254,13 +263,25 @@ def changed_objects(before: StoredRun, after: StoredRun) -> tuple[pd.DataFrame, 
 def changed_images(before: StoredRun, after: StoredRun) -> pd.DataFrame:
     """The image with most more and the one with most fewer false positives; none where nothing changed."""
 
-    sides = [run.evaluated("frames", [*IMAGE, "width", "height", "fp_px"]) for run in (before, after)]
-    rows = merge_rows(*(frames.assign(share=false_share)[[*IMAGE, "share"]] for frames in sides), on=IMAGE)
-    change = rows["share_after"] - rows["share_before"]
-    kinds = {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}
-    ranked = _of_kinds(rows, kinds, size=change.abs()).sort_values(IMAGE)
-    largest = ranked.sort_values("size", ascending=False, kind="stable").drop_duplicates("kind")
-    return _by_kind(largest.assign(what=""), value="share")
+    def parts() -> Iterator[pd.DataFrame]:
+        for sides in _pairs(before, after, "frames", [*IMAGE, "width", "height", "fp_px"]):
+            rows = merge_rows(*(frames.assign(share=false_share)[[*IMAGE, "share"]] for frames in sides), on=IMAGE)
+            change = rows["share_after"] - rows["share_before"]
+            kinds = {Kind.MORE_FALSE: change > 0, Kind.FEWER_FALSE: change < 0}
+            yield _of_kinds(rows, kinds, size=change.abs()).sort_values(IMAGE)
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        return rows.sort_values("size", ascending=False, kind="stable").drop_duplicates("kind")
+
+    return _by_kind(pick(parts(), largest).assign(what=""), value="share")
+
+
+def _pairs(
+    before: StoredRun, after: StoredRun, table: TableName, columns: Sequence[str]
+) -> Iterator[list[pd.DataFrame]]:
+    """The evaluated rows of both runs, a recording at a time."""
+    for name in stored_recordings(before.folder):
+        yield [run.evaluated(table, columns, recording=name) for run in (before, after)]
 
 
 def _of_kinds(rows: pd.DataFrame, kinds: Mapping[Kind, pd.Series[bool]], *, size: pd.Series[float]) -> pd.DataFrame:

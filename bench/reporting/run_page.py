@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,10 +21,11 @@ from bench.atomic import write_output
 from bench.evaluation import published
 from bench.evaluation.definitions import IMAGE_FRAMES, coverage, false_share, find_metric, intersection_over_union
 from bench.evaluation.protocol import known_protocols
-from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, sort_rows
+from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, sort_rows
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.execution import Progress
+from bench.harness.counts import stored_recordings
 from bench.harness.frames import ProcessedFrame
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import counted
@@ -143,25 +144,40 @@ def remarks(metrics: Summary, failures: Sequence[str] = ()) -> Iterator[Paragrap
 Row = Mapping[str, Any]  # of a stored table, with `coverage`
 
 
-def worst_objects(objects: pd.DataFrame, *, most: int) -> list[Row]:
+def worst_objects(objects: Iterable[pd.DataFrame], *, most: int) -> list[Row]:
     """Of each category the object-frames with the lowest coverage, one of each track, of equals the largest.
+
+    Args:
+        objects: the evaluated rows of each recording.
+        most: of a category.
 
     Returns:
         Rows of `OBJECTS_SCHEMA` plus `coverage`.
     """
-    scored = sort_rows(objects, OBJECT).assign(coverage=coverage)
-    ranked = scored.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
-    return _rows(ranked.drop_duplicates(["category", *IMAGE[:2], "track_id"]).groupby("category").head(most))
+
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        ranked = rows.sort_values(["coverage", "region_px"], ascending=[True, False], kind="stable")
+        return ranked.drop_duplicates(["category", *IMAGE[:2], "track_id"]).groupby("category").head(most)
+
+    return _rows(pick((sort_rows(rows, OBJECT).assign(coverage=coverage) for rows in objects), first))
 
 
-def worst_frames(frames: pd.DataFrame, *, most: int) -> list[Row]:
+def worst_frames(frames: Iterable[pd.DataFrame], *, most: int) -> list[Row]:
     """The images with the largest false-positive coverage, one of each recording and camera.
+
+    Args:
+        frames: the evaluated rows of each recording.
+        most: of all.
 
     Returns:
         Rows of `FRAMES_SCHEMA` without the histograms, plus `coverage`, here of false positives.
     """
-    ranked = sort_rows(frames[frames["fp_px"] > 0], IMAGE).assign(coverage=false_share)
-    return _rows(ranked.sort_values("coverage", ascending=False, kind="stable").drop_duplicates(IMAGE[:2]).head(most))
+
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        ranked = rows[rows["fp_px"] > 0].sort_values("coverage", ascending=False, kind="stable")
+        return ranked.drop_duplicates(IMAGE[:2]).head(most)
+
+    return _rows(pick((sort_rows(rows, IMAGE).assign(coverage=false_share) for rows in frames), first))
 
 
 def _rows(rows: pd.DataFrame) -> list[Row]:
@@ -382,7 +398,9 @@ def write_page(
     """
     run = read_run(folder)
     charts = figures.draw_charts(run)
-    worst = worst_objects(run.evaluated("objects"), most=WORST) + worst_frames(run.evaluated("frames"), most=WORST)
+    recordings = stored_recordings(run.folder)
+    worst = worst_objects((run.evaluated("objects", recording=name) for name in recordings), most=WORST)
+    worst += worst_frames((run.evaluated("frames", recording=name) for name in recordings), most=WORST)
     examples = dict([*example_frames(run.evaluated("objects", LARGEST)).items()][:EXAMPLES])
     of_worst = {_image_key(row) for row in worst}
     drawn, missing = draw_images(

@@ -95,15 +95,18 @@ def frames(*rows):
 def test_the_least_found_image_of_each_object():
     table = objects(("a", 0, 1), ("a", S // 2, 2), ("a", 2 * S, 3), ("b", 0, 40), ("c", 0, 90))
     for most, expected in ((2, [("a", 0, 1), ("b", 0, 40)]), (9, [("a", 0, 1), ("b", 0, 40), ("c", 0, 90)])):
-        picked = worst_objects(table, most=most)
+        picked = worst_objects([table.iloc[:1], table.iloc[1:]], most=most)
         assert [(row["track_id"], row["timestamp_ns"], row["tp"]) for row in picked] == expected
         assert [row["coverage"] for row in picked] == [tp / 100 for *_, tp in expected]
 
 
 def test_the_image_with_most_false_marks_of_each_recording():
     table = frames(("x", 0, 50), ("x", 2 * S, 40), ("y", 0, 10), ("z", 0, 0))
-    assert [(r["recording"], r["coverage"]) for r in worst_frames(table, most=9)] == [("x", 0.5), ("y", 0.1)]
-    assert [r["recording"] for r in worst_frames(table, most=1)] == ["x"]
+    assert [(r["recording"], r["coverage"]) for r in worst_frames([table.iloc[:1], table.iloc[1:]], most=9)] == [
+        ("x", 0.5),
+        ("y", 0.1),
+    ]
+    assert [r["recording"] for r in worst_frames([table], most=1)] == ["x"]
 
 
 ROW = {"coverage": 0.2, "range_m": 4.0, "points": 12, "region_px": 400, "polygon_px": 1000, "speed_mps": 4.8,
