@@ -337,7 +337,8 @@ def _begin(request: RunRequest, method: MethodOfRun, recordings: Sequence[Planne
     )
     manifest = AnswersManifest(dataset=dataset, method=method, code=CodeOfRun.here())
     file = request.folder / ANSWERS_MANIFEST
-    there = read_json(AnswersManifest, file) if file.exists() else None
+    is_begun = any(request.folder.rglob("*.parquet"))  # what did not open has left no result to be lost
+    there = read_json(AnswersManifest, file) if is_begun else None
     others = _other_aspects(there, manifest, request, folder=request.folder)
     if there is None or not method.is_identified or others - {Aspect.DATA}:
         _remove(request.folder / ANSWERS)

@@ -268,6 +268,16 @@ def test_changed_data_are_named_and_only_what_depends_on_them_is_computed_again(
     assert bytes_of(out) == bytes_of(tmp_path / "fresh") != before
 
 
+def test_data_that_did_not_open_leave_nothing_in_the_way_of_the_same_run_once_they_do(own_card, tmp_path):
+    drives = own_card.parent / "data" / "tiny"
+    folders = [file.rename(file.with_suffix(".gone")) for file in drives.glob("*/recording.json")]
+    with pytest.raises(DataError, match="expected a recording that can be used"):
+        score(own_card, tmp_path / "run")
+    for folder in folders:
+        folder.rename(folder.with_suffix(".json"))
+    assert score(own_card, tmp_path / "run").provenance.images_asked == IMAGES
+
+
 def test_another_run_is_refused_by_name_and_replaced_only_when_asked(tiny_card, tmp_path):
     out = tmp_path / "run"
     score(tiny_card, out, settings={"threshold": 6e-4})
