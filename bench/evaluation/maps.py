@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,11 +69,11 @@ class RangeMaps:
 PLACED = ["object_class", "direction", "x_m", "y_m", "tp", "fn"]
 
 
-def range_maps(objects: pd.DataFrame, *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
+def range_maps(objects: Iterable[pd.DataFrame], *, protocol: Protocol, level: float = 0.0) -> RangeMaps:
     """Count the evaluated object-frames by class, direction and place.
 
     Args:
-        objects: evaluated rows of `OBJECTS_SCHEMA` in any order, at least the columns `PLACED`.
+        objects: evaluated rows of `OBJECTS_SCHEMA`, some at a time, at least the columns `PLACED`.
         protocol: that the run was made with. The grid reaches as far as its range limit or the furthest centroid.
         level: coverage from which on an object counts as detected; 0 for any pixel.
 
@@ -81,10 +82,13 @@ def range_maps(objects: pd.DataFrame, *, protocol: Protocol, level: float = 0.0)
     """
     cell_m = protocol.range_map.cell_m
     key = ["object_class", "direction", "x", "y"]  # cells half-open, [a, b), counted from the vehicle's origin
-    found = detected(objects) & (coverage(objects) >= level)
-    x, y = (np.floor(objects[name] / cell_m) for name in ("x_m", "y_m"))
-    placed = objects.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
-    counted = placed.groupby(key, dropna=False).sum().astype(np.int64).reset_index()
+    parts = []
+    for rows in objects:
+        found = detected(rows) & (coverage(rows) >= level)
+        x, y = (np.floor(rows[name] / cell_m) for name in ("x_m", "y_m"))
+        placed = rows.assign(x=x, y=y, object_frames=1, detected=found)[[*key, "object_frames", "detected"]]
+        parts.append(placed.groupby(key, dropna=False).sum())
+    counted = pd.concat(parts).groupby(key, dropna=False).sum().astype(np.int64).reset_index()
     reached = abs(counted[["x", "y"]].to_numpy() + 0.5) + 0.5  # cells from the origin; NaN for masks, which tell none
     furthest_m = protocol.reference.range_limit_m + BEYOND_M
     if (reached > furthest_m / cell_m + 1).any():

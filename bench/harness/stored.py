@@ -188,13 +188,12 @@ class StoredRun:
         """Rows of `FRAMES_SCHEMA`, in memory; without the histograms unless these are named."""
         return pd.concat(self.parts("frames", columns), ignore_index=True)
 
-    def evaluated(
-        self, table: TableName, columns: Sequence[str] | None = None, *, recording: str | None = None
-    ) -> pd.DataFrame:
-        """The evaluated rows of a table, of one recording or in memory all together."""
-        if recording is None:
-            names = stored_recordings(self.folder)
-            return pd.concat([self.evaluated(table, columns, recording=name) for name in names], ignore_index=True)
+    def evaluated(self, table: TableName, columns: Sequence[str] | None = None) -> Iterator[pd.DataFrame]:
+        """The evaluated rows of a table, a recording at a time."""
+        return (self.evaluated_of(name, table, columns) for name in stored_recordings(self.folder))
+
+    def evaluated_of(self, recording: str, table: TableName, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """The evaluated rows of a recording; none where it has no counts."""
         chosen = list(COLUMNS[table] if columns is None else columns)
         rows = read_counts(self.folder, table, recording, list(dict.fromkeys([*chosen, *IMAGE, "status"])))
         rows = rows[rows["status"] == EVALUATED]

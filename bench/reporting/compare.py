@@ -91,7 +91,7 @@ def on_common_images(runs: Sequence[StoredRun]) -> list[StoredRun]:
     of_reference = {reference_of(run): run for run in runs}
     if len(of_reference) == 1:
         return [*runs]
-    images = [run.evaluated("frames", IMAGE) for run in of_reference.values()]
+    images = [pd.concat(run.evaluated("frames", IMAGE), ignore_index=True) for run in of_reference.values()]
     common = reduce(partial(merge_rows, on=IMAGE), images)
     return [replace(run, common=common) for run in runs]
 
@@ -281,7 +281,7 @@ def _pairs(
 ) -> Iterator[list[pd.DataFrame]]:
     """The evaluated rows of both runs, a recording at a time."""
     for name in stored_recordings(before.folder):
-        yield [run.evaluated(table, columns, recording=name) for run in (before, after)]
+        yield [run.evaluated_of(name, table, columns) for run in (before, after)]
 
 
 def _of_kinds(rows: pd.DataFrame, kinds: Mapping[Kind, pd.Series[bool]], *, size: pd.Series[float]) -> pd.DataFrame:

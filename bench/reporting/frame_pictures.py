@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from bench.atomic import refuse_foreign, replacing, write_bytes
 from bench.cameras.model import ray_grid
 from bench.errors import BenchError, OutputError, UsageError
-from bench.evaluation.rows import IMAGE
+from bench.evaluation.rows import IMAGE, pick
 from bench.execution import Progress
 from bench.harness.datasets import StoredFrames
 from bench.harness.frames import FramePipeline, ProcessedFrame, UnscorableFrame
@@ -106,16 +106,17 @@ ImageKey = tuple[str, str, int]  # recording, camera, timestamp_ns
 LARGEST = [*IMAGE, "category", "region_px"]
 
 
-def example_frames(objects: pd.DataFrame) -> dict[Category, ImageKey]:
+def example_frames(objects: Iterable[pd.DataFrame]) -> dict[Category, ImageKey]:
     """For every category the frame in which an object of it fills most pixels.
 
     Args:
-        objects: evaluated rows of `OBJECTS_SCHEMA`, at least the columns `LARGEST`.
+        objects: the evaluated rows of each recording, at least the columns `LARGEST`.
     """
-    largest = (
-        objects.sort_values(IMAGE).sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
-    )
-    rows = largest.set_index("category")[IMAGE]
+
+    def largest(rows: pd.DataFrame) -> pd.DataFrame:
+        return rows.sort_values("region_px", ascending=False, kind="stable").drop_duplicates("category")
+
+    rows = pick((rows.sort_values(IMAGE) for rows in objects), largest).set_index("category")[IMAGE]
     keys = {str(kind): (str(r.recording), str(r.camera), int(r.timestamp_ns)) for kind, r in rows.iterrows()}
     return {kind: keys[kind] for kind in Category if kind in keys}
 

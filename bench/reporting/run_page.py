@@ -25,7 +25,6 @@ from bench.evaluation.rows import EVALUATED, IMAGE, OBJECT, pick, sort_rows
 from bench.evaluation.summary import ObjectMetrics, Summary, not_annotated
 from bench.evaluation.sums import CLASS_AND_SPEED, recording_values
 from bench.execution import Progress
-from bench.harness.counts import stored_recordings
 from bench.harness.frames import ProcessedFrame
 from bench.harness.stored import StoredRun, read_run
 from bench.plain_text import counted
@@ -398,9 +397,7 @@ def write_page(
     """
     run = read_run(folder)
     charts = figures.draw_charts(run)
-    recordings = stored_recordings(run.folder)
-    worst = worst_objects((run.evaluated("objects", recording=name) for name in recordings), most=WORST)
-    worst += worst_frames((run.evaluated("frames", recording=name) for name in recordings), most=WORST)
+    worst = worst_objects(run.evaluated("objects"), most=WORST) + worst_frames(run.evaluated("frames"), most=WORST)
     examples = dict([*example_frames(run.evaluated("objects", LARGEST)).items()][:EXAMPLES])
     of_worst = {_image_key(row) for row in worst}
     drawn, missing = draw_images(

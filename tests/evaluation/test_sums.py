@@ -149,7 +149,7 @@ def placed(*places_m: tuple[float, float]) -> pd.DataFrame:
 
 
 def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
-    found = range_maps(placed((3.0, -0.5), (3.99, -1.0), (4.0, -0.5)), protocol=PAPER)
+    found = range_maps([placed((3.0, -0.5), (3.99, -1.0), (4.0, -0.5))], protocol=PAPER)
     lateral = map_of(found, "pedestrian", Direction.LATERAL)
     assert lateral.edges_m.tolist() == list(range(-8, 9))
     ahead, right = 3 + 8, -1 + 8
@@ -158,18 +158,18 @@ def test_cells_are_half_open_and_counted_from_the_vehicle() -> None:
     assert lateral.object_frames[ahead + 1, right] == 1
     assert lateral.object_frames.sum() == 3
     assert np.isnan(lateral.rate[0, 0])
-    far = range_maps(placed((11.0, 0.0)), protocol=PAPER)
+    far = range_maps([placed((11.0, 0.0))], protocol=PAPER)
     assert far.maps[0].edges_m[-1] == 12.0, "the grid grows to the furthest object"
 
 
 def test_a_cell_with_few_object_frames_is_marked() -> None:
-    found = range_maps(placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4), protocol=PAPER)
+    found = range_maps([placed(*[(2.5, 1.5)] * 5, *[(5.5, 1.5)] * 4)], protocol=PAPER)
     assert np.argwhere(map_of(found, "pedestrian", Direction.LATERAL).enough).tolist() == [[2 + 8, 1 + 8]]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_object_frame_is_lost(seed: int) -> None:
     objects = random_run(seed)[0]
-    found = range_maps(evaluated(objects), protocol=PAPER)
+    found = range_maps([evaluated(objects)], protocol=PAPER)
     expected = sum(status == "evaluated" for status in objects["status"].to_pylist())
     assert sum(int(m.object_frames.sum()) for m in found.maps) + found.unplaced == expected

@@ -225,7 +225,7 @@ def test_a_cluster_from_above_and_its_object_enlarged():
 def test_the_frame_where_an_object_fills_most_pixels_tells_of_its_category():
     rows = [object_row(n) | {"region_px": px} for n, px in enumerate((100, 300, 200))]
     rows.append(object_row(3) | {"region_px": 900, "status": "ignored"})
-    assert example_frames(evaluated(objects_table(rows))) == {Category.CROSSING: ("drive-1", "front", 100)}
+    assert example_frames([evaluated(objects_table(rows))]) == {Category.CROSSING: ("drive-1", "front", 100)}
 
 
 def test_every_picture_of_a_frame_stays_in_the_folder_whatever_the_track_is_called(tmp_path):
