@@ -99,6 +99,8 @@ def test_half_of_the_core_is_half_or_more():
 @pytest.mark.parametrize(("protocol", "title"), [("surface-v1", [HALF_TITLE]), ("paper-v1", [])])
 def test_the_map_of_a_protocol_with_unknown_bands_says_that_half_is_due(protocol, title):
     summary = SimpleNamespace(vehicle_outline_m=OUTLINE_M.tolist())
-    run = SimpleNamespace(evaluated=lambda _, columns: [ROWS[columns]], protocol=load_protocol(protocol), summary=summary)
+    run = SimpleNamespace(
+        evaluated=lambda _, columns: [ROWS[columns]], protocol=load_protocol(protocol), summary=summary
+    )
     texts = [text.get_text() for text in draw_run_maps(run).texts]
     assert [text for text in texts if "Detected" in text] == title
