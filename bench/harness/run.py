@@ -606,7 +606,7 @@ _last: tuple[object, Recording] | None = None  # that was opened; tasks of a rec
 
 def _open(handle: RecordingHandle, digest: str) -> Recording:
     global _last
-    key = handle.name, digest, handle.input_errors
+    key = repr(handle), digest  # with the folder: a copy of the data may be gone by now
     if _last is None or _last[0] != key:
         _last = key, handle.open()
     return _last[1]

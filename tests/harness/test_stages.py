@@ -278,6 +278,12 @@ def test_data_that_did_not_open_leave_nothing_in_the_way_of_the_same_run_once_th
     assert score(own_card, tmp_path / "run").provenance.images_asked == IMAGES
 
 
+def test_a_copy_that_was_scored_before_and_is_gone_is_not_read_any_more(own_card, tiny_card, tmp_path):
+    score(own_card, tmp_path / "of-copy")
+    shutil.rmtree(own_card.parent / "data")
+    assert not score(tiny_card, tmp_path / "run").failures
+
+
 def test_another_run_is_refused_by_name_and_replaced_only_when_asked(tiny_card, tmp_path):
     out = tmp_path / "run"
     score(tiny_card, out, settings={"threshold": 6e-4})
