@@ -44,8 +44,8 @@ KINDS: dict[str, Callable[[RecordingSpec, str], bool]] = {  # whether the images
     "wet roads": lambda drive, _: drive.street.wet,
     "farther away": lambda drive, _: drive.name.startswith("farther-away"),
     "rolling shutter": lambda _, camera: camera == "high",
-    "crowds": lambda drive, _: drive.name.startswith(("crowd", "people-all-around")),
-    "queues": lambda drive, _: drive.name.startswith(("stop-and-go", "creeping-ahead")),
+    "crowds": lambda drive, _: drive.name.startswith("crowd"),
+    "queues": lambda drive, _: drive.name.startswith("stop-and-go"),
     "large and near": lambda drive, _: drive.name.startswith(("lorries-alongside", "large-ones")),
 }
 ON_KINDS = {kind: f"IoU of images, {kind}" for kind in KINDS}
