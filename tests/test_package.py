@@ -62,7 +62,7 @@ def test_cards_baselines_and_templates_ship(installed):
 
 
 def run_in(folder, installed, *arguments):
-    """What Python prints that has the wheel alone."""
+    """What Python prints where only the wheel is installed."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("FISHEYE_BENCH")}
     environment |= {"PYTHONPATH": str(installed), "XDG_CACHE_HOME": str(folder / "cache"), "HOME": str(folder)}
     command = [sys.executable, *arguments]

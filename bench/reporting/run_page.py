@@ -285,13 +285,23 @@ def object_table(run: StoredRun, elements: Elements, *, most: int = LISTED) -> t
         elements: to which rows lead.
         most: rows; the evaluated with the lowest coverage come first, of equals the largest, and then the others.
     """
-    rows = sort_rows(run.objects(_READ), OBJECT)
-    annotated, scored = len(rows), rows["status"] == EVALUATED
-    measured = {"coverage": coverage(rows), "iou": intersection_over_union(rows)}
-    measured |= {name: rows[name].astype(float) for name in ("fp", "region_px")}
-    rows = rows.assign(scored=scored, **{name: of.where(scored) for name, of in measured.items()})
-    order = ["scored", "coverage", "region_px"]
-    rows = rows.sort_values(order, ascending=[False, True, False], kind="stable", ignore_index=True).head(most)
+    annotated = 0
+
+    def parts() -> Iterator[pd.DataFrame]:
+        nonlocal annotated
+        for part in run.parts("objects", _READ):
+            annotated += len(part)
+            rows = sort_rows(part, OBJECT)
+            scored = rows["status"] == EVALUATED
+            measured = {"coverage": coverage(rows), "iou": intersection_over_union(rows)}
+            measured |= {name: rows[name].astype(float) for name in ("fp", "region_px")}
+            yield rows.assign(scored=scored, **{name: of.where(scored) for name, of in measured.items()})
+
+    def first(rows: pd.DataFrame) -> pd.DataFrame:
+        order = ["scored", "coverage", "region_px"]
+        return rows.sort_values(order, ascending=[False, True, False], kind="stable", ignore_index=True).head(most)
+
+    rows = pick(parts(), first)
     status, reason, kind = (rows[name].astype(object).fillna("") for name in ("status", "reason", "category"))
     keys = rows[OBJECT].itertuples(index=False, name=None)
     links = [Cell(key[3], link=f"#{elements[key]}" if key in elements else "") for key in keys]

@@ -131,7 +131,8 @@ def test_the_least_covered_object_frames_are_listed():
         for row in content
         if row["region_px"]
     )
-    run = SimpleNamespace(objects=to_frame(shuffled(table, 1)).filter)
+    drives = [rows for _, rows in to_frame(shuffled(table, 1)).groupby("recording")]
+    run = SimpleNamespace(parts=lambda _, columns: (rows.filter(columns) for rows in drives))
     listed, annotated = object_table(run, {}, most=10)
     assert annotated == len(content)
     assert [*listed.rows[OBJECT].itertuples(index=False, name=None)] == [row[2:] for row in evaluated[:10]]
