@@ -1,13 +1,12 @@
-"""Worth of each group of channels of `learned`, of parts of its network, and of each kind of training image.
+"""Worth of each group of channels of `learned`, and of each kind of training image.
 
 python -m benchmarks.ablation --cache DIR --out DIR (extra `train`; hours; continues where it was interrupted). The
-network is trained whole, without each group of channels, without attention or the loss of bodies, without each kind of
-training image, and on images as they were rendered, from several seeds, with random weights or those of an exported
-network. All trainings are alike and shorter than that of the shipped weights, so their scores compare with each other
-alone. Where images are left out, others are seen more often: trainings
-are equally long. A third of the validation drives chooses the epoch; the others are scored, as they were rendered and
-as worse cameras would have taken them, and those of each kind alone. `DIR/ablation.csv` has every training, the tables
-that are printed the means.
+network is trained whole, without each group of channels, without each kind of training image, and on images as they
+were rendered, from several seeds, with random weights or those of an exported network. All trainings are alike and
+shorter than that of the shipped weights, so their scores compare with each other alone. Where images are left out,
+others are seen more often: trainings are equally long. A third of the validation drives chooses the epoch; the others
+are scored, as they were rendered and as worse cameras would have taken them, and those of each kind alone.
+`DIR/ablation.csv` has every training, the tables that are printed the means.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from bench.reporting.document import Table, to_markdown
 from bench.synthesis.production import read_scenario
 from bench.synthesis.scenario import RecordingSpec
 from bench.training.pairs import DATASET, PreparedDrive, prepare
-from bench.training.train import PARTS, Plan, Validation, train, validate
+from bench.training.train import Plan, Validation, train, validate
 
 WHOLE, AS_RENDERED = "nothing", "worse cameras"
 METRICS = {"iou_of_images": "IoU of images", "false_positives": "false positives"}
@@ -44,8 +43,8 @@ KINDS: dict[str, Callable[[RecordingSpec, str], bool]] = {  # whether the images
     "wet roads": lambda drive, _: drive.street.wet,
     "farther away": lambda drive, _: drive.name.startswith("farther-away"),
     "rolling shutter": lambda _, camera: camera == "high",
-    "crowds": lambda drive, _: drive.name.startswith("crowd"),
-    "queues": lambda drive, _: drive.name.startswith("stop-and-go"),
+    "crowds": lambda drive, _: drive.name.startswith(("crowd", "people-all-around")),
+    "queues": lambda drive, _: drive.name.startswith(("stop-and-go", "creeping-ahead")),
     "large and near": lambda drive, _: drive.name.startswith(("lorries-alongside", "large-ones")),
 }
 ON_KINDS = {kind: f"IoU of images, {kind}" for kind in KINDS}
@@ -93,7 +92,7 @@ class Variant:
 def variants(plan: Plan) -> dict[str, Variant]:
     """The whole network, and what is left out, by name."""
     found = {WHOLE: Variant(plan=plan)}
-    found |= {name: Variant(plan=replace(plan, without=(name,))) for name in (*GROUPS, *PARTS)}
+    found |= {name: Variant(plan=replace(plan, without=(name,))) for name in GROUPS}
     found |= {name: Variant(plan=plan, unseen=name) for name in KINDS}
     return found | {AS_RENDERED: Variant(plan=replace(plan, disturbed=False))}
 

@@ -10,7 +10,7 @@ import onnx
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import pixel_shuffle, relu, scaled_dot_product_attention
+from torch.nn.functional import pixel_shuffle, relu
 
 from bench.errors import UsageError
 from bench.methods.learned.inputs import ZERO
@@ -19,7 +19,6 @@ from bench.methods.learned.method import MULTIPLE_PX, read_card
 FIRST_WIDTH = 16  # channels at the size of geometry and flow; multiples of 16 are what processors compute at once
 WIDTHS = (32, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
 DILATIONS = (1, 2, 4)  # at the coarsest size, so that a vehicle beside the camera is seen as a whole
-BODY_LEVELS = 2  # coarsest levels that are asked for what moves, too
 FEW = -3.0  # bias of a head's logits: few pixels move
 
 assert 2 ** (len(WIDTHS) + 1) == MULTIPLE_PX
@@ -65,29 +64,6 @@ class _Joined(nn.Module):
         return self.both(relu(self.spread(self.one(one)) + self.other(other)))
 
 
-class _Attention(nn.Module):
-    """Adds to each cell what cells like it say, wherever they are in the image.
-
-    The side of a lorry is told from its edges, wheels and windows, which may be half an image away. Cells know their
-    place by the channels of the rays, so that none is learned and any size of image will do.
-
-    Args:
-        channels: of the cells.
-    """
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.asked = nn.Conv2d(channels, 3 * channels, 1)
-        self.told = nn.Conv2d(channels, channels, 1)
-        nn.init.zeros_(self.told.weight)
-        nn.init.zeros_(self.told.bias)
-
-    def forward(self, values: Tensor) -> Tensor:
-        query, key, value = self.asked(values).flatten(2).transpose(1, 2).chunk(3, dim=2)
-        mixed = scaled_dot_product_attention(query, key, value)
-        return values + self.told(mixed.transpose(1, 2).reshape(values.shape))
-
-
 class MotionNetwork(nn.Module):
     """Logits of motion at the size of the fine channels.
 
@@ -98,10 +74,9 @@ class MotionNetwork(nn.Module):
     Args:
         coarse: channels of the size of geometry and flow.
         fine: channels of twice that size.
-        attention: of the coarsest cells to each other.
     """
 
-    def __init__(self, coarse: int, fine: int, *, attention: bool = True) -> None:
+    def __init__(self, coarse: int, fine: int) -> None:
         super().__init__()
         self.fine = _convolved(fine, FIRST_WIDTH, stride=2)
         self.stem = _Joined(coarse, FIRST_WIDTH, FIRST_WIDTH)
@@ -110,34 +85,21 @@ class MotionNetwork(nn.Module):
             nn.Sequential(_convolved(a, b, stride=2), _convolved(b, b)) for a, b in zip(widths, WIDTHS, strict=False)
         )
         self.context = nn.Sequential(*(_convolved(WIDTHS[-1], WIDTHS[-1], dilation=rate) for rate in DILATIONS))
-        self.attention = _Attention(WIDTHS[-1]) if attention else nn.Identity()
         self.up = nn.ModuleList(_Joined(a, b, b, spread=2) for a, b in zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.head = nn.Conv2d(FIRST_WIDTH, 4, 1)
-        self.bodies = nn.ModuleList(nn.Conv2d(width, 1, 1) for width in WIDTHS[: -1 - BODY_LEVELS : -1])
-        for head in (self.head, *self.bodies):
-            nn.init.constant_(head.bias, FEW)
+        nn.init.constant_(self.head.bias, FEW)
 
     def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
         """(N, C, h, w) and (N, F, 2h, 2w) uint8, h and w multiples of 16 -> (N, 2h, 2w) float32."""
-        return self.with_bodies(coarse, fine)[0]
-
-    def with_bodies(self, coarse: Tensor, fine: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """The same, and the logits of the coarsest levels, (N, rows, columns) float32 each, for training alone.
-
-        Where a cell is as large as a window or a wheel, only bodies are left to be told.
-        """
         values = self.stem(_about_zero(coarse), self.fine(_about_zero(fine)))
         seen = [values]
         for level in self.down:
             values = level(values)
             seen.append(values)
-        values = self.attention(values + self.context(values))
-        levels = [values]
+        values = values + self.context(values)
         for level, finer in zip(self.up, seen[-2::-1], strict=True):
             values = level(values, finer)
-            levels.append(values)
-        bodies = [head(level)[:, 0].float() for head, level in zip(self.bodies, levels, strict=False)]
-        return pixel_shuffle(self.head(values), 2)[:, 0].float(), bodies
+        return pixel_shuffle(self.head(values), 2)[:, 0].float()
 
 
 class ScoredNetwork(nn.Module):
@@ -157,9 +119,8 @@ def begin_with(
 ) -> None:
     """Give a network the weights of an exported one, so that it answers as that one does.
 
-    Channels that the exported one does not take weigh 0, and attention that it does not have adds nothing until it is
-    trained. An exported convolution holds the normalisation that followed it. This is made again from mean and spread
-    of what the convolution answers on the crops.
+    Channels that the exported one does not take weigh 0. An exported convolution holds the normalisation that followed
+    it. This is made again from mean and spread of what the convolution answers on the crops.
 
     Args:
         network: gets the weights.

@@ -26,7 +26,7 @@ import torch
 import typer
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d, binary_cross_entropy_with_logits
+from torch.nn.functional import binary_cross_entropy_with_logits
 
 from bench import __version__
 from bench.atomic import make_folder, replacing, write_bytes, write_text
@@ -47,9 +47,7 @@ AVERAGED = 0.998  # of the running mean of the weights, which is what is validat
 WARM_UP = 0.05  # of all steps
 MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fifty times as many
 SMALL_PX, SMALL_WEIGHT = 4000.0, 4.0  # objects of fewer fine pixels count more, by the root of their size, to so much
-BODIES_WEIGHT = 0.3  # of the coarsest levels' loss
 SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
-PARTS = ("attention", "bodies")  # of network and loss, that a training can leave out as well
 THRESHOLDS = 100  # that validation tries
 LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
@@ -68,7 +66,7 @@ class Plan:
     """Everything that decides the weights, beside the data.
 
     Attributes:
-        without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`; of `PARTS`, too.
+        without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`.
         disturbed: images are those of worse cameras, too, see `bench.training.appearance`; also those that choose the
             threshold.
         epochs: at most; each draws as many images as there are.
@@ -110,7 +108,7 @@ class Plan:
         return [COARSE.index(name) for name in self.coarse], [FINE.index(name) for name in self.fine]
 
     def _shown(self, names: Sequence[str]) -> tuple[str, ...]:
-        hidden = {name for group in self.without for name in GROUPS.get(group, ())}
+        hidden = {name for group in self.without for name in GROUPS[group]}
         return tuple(name for name in names if name not in hidden)
 
 
@@ -307,17 +305,6 @@ def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     return 5 * entropy / (weight > 0).sum((1, 2)).clamp(min=1) + 1 - (both + SMOOTH_PX) / (union + SMOOTH_PX)
 
 
-def loss_of_bodies(bodies: Sequence[Tensor], target: Tensor, weight: Tensor) -> Tensor:
-    """Mean of `loss_of` over coarse levels, each against the share of moving pixels in its cells; (N,)."""
-    losses = []
-    for logits in bodies:
-        side = target.shape[-1] // logits.shape[-1]
-        counted = avg_pool2d((weight > 0).float(), side)
-        moving = avg_pool2d(target * (weight > 0), side) / counted.clamp(min=1e-6)
-        losses.append(loss_of(logits, moving, counted))
-    return torch.stack(losses).mean(0)
-
-
 def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, device: str) -> Validation:
     """Count right and wrong pixels on whole images at every threshold."""
     coarse_rows, fine_rows = plan.rows
@@ -366,8 +353,7 @@ def train(
     torch.use_deterministic_algorithms(mode=True, warn_only=True)
     torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it; an eighth of the time
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    network = MotionNetwork(len(plan.coarse), len(plan.fine), attention="attention" not in plan.without)
-    bodies_weight = 0.0 if "bodies" in plan.without else BODIES_WEIGHT
+    network = MotionNetwork(len(plan.coarse), len(plan.fine))
     batches = Batches(training, plan)
     if start is not None:
         crops = list(islice(batches.epoch(0, np.ones(batches.images)), STATISTICS_BATCHES))
@@ -400,8 +386,8 @@ def train(
             coarse, fine = (part.to(device, memory_format=torch.channels_last) for part in (batch.coarse, batch.fine))
             target, weight = batch.target.to(device), batch.weight.to(device)
             with torch.autocast(device, dtype=torch.bfloat16, enabled=plan.bfloat16):
-                logits, bodies = network.with_bodies(coarse, fine)
-            of_crop = loss_of(logits, target, weight) + bodies_weight * loss_of_bodies(bodies, target, weight)
+                logits = network(coarse, fine)
+            of_crop = loss_of(logits, target, weight)
             optimiser.zero_grad()
             of_crop.mean().backward()
             optimiser.step()

@@ -12,7 +12,7 @@ from bench.methods.learned.inputs import GROUPS
 from bench.recordings import load_card
 from bench.synthesis.production import read_scenario
 from bench.training.pairs import prepare
-from bench.training.train import PARTS, Plan
+from bench.training.train import Plan
 from benchmarks.ablation import KINDS, Drives, of_kind, score, seen_drives, tables, variants
 from tests.conftest import DATASETS
 
@@ -48,7 +48,7 @@ def test_an_ablation_trains_without_and_tells_what_is_lacking(drives, tmp_path, 
     monkeypatch.setitem(KINDS, "rolling shutter", lambda drive, _: drive is low)
     held = Drives(training={True: drives, False: drives}, rendered=drives, disturbed=drives, specs=specs)
     plans = variants(PLAN)
-    assert [*plans] == ["nothing", *GROUPS, *PARTS, *KINDS, "worse cameras"]
+    assert [*plans] == ["nothing", *GROUPS, *KINDS, "worse cameras"]
     assert plans["fine"].plan.without == ("fine",)
     assert not plans["worse cameras"].plan.disturbed
     rows = []

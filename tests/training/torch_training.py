@@ -16,7 +16,7 @@ from bench.methods import build_method
 from bench.methods.learned.inputs import COARSE, FINE, GROUPS, Channels
 from bench.training.network import MotionNetwork, begin_with
 from bench.training.pairs import prepare
-from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, loss_of_bodies, small_weight, train
+from bench.training.train import SMALL_WEIGHT, Batches, Plan, export, loss_of, small_weight, train
 
 PLAN = Plan(epochs=2, batch=4, crop_px=(96, 128))  # the tiny images are half as large as those of the training data
 
@@ -42,33 +42,6 @@ def test_the_network_is_small_and_answers_at_the_fine_size(without):
     coarse = torch.zeros(2, len(plan.coarse), 48, 64, dtype=torch.uint8)
     fine = torch.zeros(2, len(plan.fine), 96, 128, dtype=torch.uint8)
     assert network(coarse, fine).shape == (2, 96, 128)
-
-
-def test_attention_carries_what_one_end_of_the_image_shows_to_the_other():
-    network = MotionNetwork(len(COARSE), len(FINE)).eval()
-    torch.nn.init.normal_(network.attention.told.weight)
-    values = torch.randn(1, 96, 3, 40)
-    changed = values.clone()
-    changed[..., 0] += 1
-    with torch.no_grad():
-        difference = (network.attention(changed) - network.attention(values)).abs()
-    assert difference[..., -1].max() > 1e-4
-
-
-def test_bodies_are_asked_for_at_the_two_coarsest_sizes():
-    network = MotionNetwork(len(COARSE), len(FINE))
-    coarse = torch.zeros(2, len(COARSE), 48, 64, dtype=torch.uint8)
-    fine = torch.zeros(2, len(FINE), 96, 128, dtype=torch.uint8)
-    logits, bodies = network.with_bodies(coarse, fine)
-    assert [tuple(body.shape) for body in bodies] == [(2, 3, 4), (2, 6, 8)]
-    target, weight = torch.zeros(2, 96, 128), torch.ones(2, 96, 128)
-    target[:, :, 64:] = 1
-    right = [
-        torch.where(torch.arange(body.shape[2]) >= body.shape[2] / 2, 9.0, -9.0).expand(body.shape) for body in bodies
-    ]
-    assert loss_of_bodies(right, target, weight).max() < 0.05
-    assert loss_of_bodies([-body for body in right], target, weight).min() > 1
-    assert logits.shape == target.shape
 
 
 def test_batches_follow_from_seed_epoch_and_losses(drives):
