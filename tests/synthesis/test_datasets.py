@@ -131,12 +131,11 @@ def _body_colours(drives):
     return {np.unique(body.mesh.surfaces, axis=0).tobytes() for body in bodies}
 
 
-def _street_plans(drives):
-    """Of some drives, as drawn for the renderer, but for those that are alike by any seed, as straight avenues are."""
+def _street_plans(drives, *, seeded=True):
+    """Of some drives, as they are drawn for the renderer, or as any other seed draws them."""
     chosen = drives.recordings[::16]
-    worlds = [named_rng(drives.seed, spec.name, "world").spawn(1)[0] for spec in chosen]
-    plans = {repr(drawn_plan(spec.street, rng)) for spec, rng in zip(chosen, worlds, strict=True)}
-    return plans - {repr(drawn_plan(spec.street, np.random.default_rng(0))) for spec in chosen}
+    seeds = [named_rng(drives.seed, spec.name, "world").spawn(1)[0] if seeded else 0 for spec in chosen]
+    return {repr(drawn_plan(spec.street, np.random.default_rng(k))) for spec, k in zip(chosen, seeds, strict=True)}
 
 
 DRAWN = {
@@ -156,4 +155,7 @@ def test_nothing_drawn_for_training_or_development_is_scored(drawn, name, others
     own = DRAWN[drawn](scenario(name))
     for other in map(scenario, others):
         assert other.seed != scenario(name).seed
-        assert not own & DRAWN[drawn](other), other.name
+        shared = own & DRAWN[drawn](other)
+        if other.name == "development":  # not scored, so a straight avenue that any seed draws may be in both
+            shared -= _street_plans(other, seeded=False)
+        assert not shared, other.name
