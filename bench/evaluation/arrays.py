@@ -109,7 +109,8 @@ def score(
 
             - a label image, (H, W) integers: 0 for the background, any other number for one object, also where it is
               in several pieces: a mask of 0 and 255 is one object, pass `mask > 0` for its components;
-            - a mask, (H, W) bool: each connected component (8 neighbours) is an object, as in the protocol masks-v1;
+            - a mask, (H, W) bool: each connected component (8 neighbours) of its valid pixels is an object, as in the
+              protocol masks-v1;
             - the reference of a `Frame`.
         mask: (H, W) bool, or integers that are not 0 where something moves.
         ignored: (H, W) bool, where a detection is neither right nor wrong.
@@ -161,7 +162,7 @@ def _reference_frame(
     left_out = nowhere if ignored is None else _pixels(ignored, "ignored", shape, "bool")
     pixels = _pixels(reference, "reference", shape, "bool or integers, a mask or a label image")
     if pixels.dtype == bool:
-        pixels = cv2.connectedComponents(pixels.astype(np.uint8), connectivity=8)[1]
+        pixels = cv2.connectedComponents((pixels & counted).astype(np.uint8), connectivity=8)[1]
     marked = (pixels != 0) & counted
     numbers, order, region_px = np.unique(pixels[marked], return_inverse=True, return_counts=True)
     labels = np.zeros(shape, dtype=np.int32)

@@ -68,8 +68,9 @@ def _by_class_and_speed(classes: Iterable[str], edges: Sequence[float]) -> Break
     names = [f"{name}, {speed}" for name in classes for speed in bin_names(edges)]
 
     def of(rows: pd.DataFrame) -> pd.Series[str]:
-        speeds = name_bins(rows["speed_mps"], edges).astype("str")  # all unknown, they would have no type to be joined
-        return rows["object_class"].astype("str") + ", " + speeds
+        speeds = name_bins(rows["speed_mps"], edges)
+        joined = rows["object_class"].astype("str") + ", " + speeds.astype("str")  # all unknown, they have another type
+        return joined.where(speeds.notna())  # before pandas 3, NaN as text is "nan"
 
     return names, of
 

@@ -39,6 +39,9 @@ def test_what_is_ignored_is_neither_right_nor_wrong_and_only_valid_pixels_count(
     score = bench.score(LABELS, MASK, valid=left)
     assert score.objects[["tp", "fn", "fp"]].values.tolist() == [[4, 4, 0]]
     assert score.images["valid_px"].tolist() == [40]
+    left[:, 5] = True  # V cuts the object in two: one of a label image, two components of a mask
+    cut = [bench.score(reference, MASK, valid=left) for reference in (LABELS, LABELS > 0)]
+    assert [score.objects["tp"].tolist() for score in cut] == [[6], [4, 2]]
 
 
 def test_scores_of_images_add_up_before_ratios_are_taken():

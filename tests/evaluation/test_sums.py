@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,13 @@ def test_sums_and_counts_to_check_by_hand() -> None:
         "evaluated": 2, "static": 1, "ignored": 1,
     }  # fmt: skip
     assert total(sums, "status", "evaluated", "images") == total(sums, "camera", "front", "images") == 2
+
+
+def test_an_object_of_unknown_speed_is_in_no_bin_of_speed() -> None:
+    objects = [reference_object("a", speed_mps=math.nan), reference_object("b", speed_mps=1.0)]
+    sums = reduced(scored([(reference_frame(picture("12"), objects=objects), mask("xx"))]))
+    slices = sums.groupby("breakdown")["slice"].unique()
+    assert [*slices["speed_mps"], *slices["class_and_speed"]] == ["[0, 1.5)", "pedestrian, [0, 1.5)"]
 
 
 def test_a_track_in_two_cameras_is_one_object() -> None:
