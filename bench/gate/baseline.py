@@ -11,7 +11,7 @@ import pandas as pd
 from bench.errors import DataError, UsageError
 from bench.evaluation.protocol import known_protocols
 from bench.evaluation.sums import read_sums, write_sums
-from bench.harness.manifest import MANIFEST, Manifest, read_manifest, write_manifest
+from bench.harness.manifest import ANSWERS_MANIFEST, MANIFEST, Manifest, read_manifest, write_manifest
 from bench.harness.stored import SUMMARY, SUMS, read_run, refuse_unscored, results_folder
 from bench.recordings.cards import shipped_folder
 
@@ -83,8 +83,8 @@ def write_baseline(run: RunSums, folder: Path) -> None:
     Raises:
         UsageError: the folder is that of a run, or the run has failures.
     """
-    if (folder / SUMMARY).exists():
-        raise UsageError(f"{folder}: expected a folder for a baseline, got that of a run, which would be overwritten")
+    if any((folder / name).exists() for name in (SUMMARY, ANSWERS_MANIFEST)):
+        raise UsageError(f"{folder}: expected a folder for a baseline, got that of a run; name another with --baseline")
     if run.failures:
         count = len(run.failures)
         raise UsageError(f"a run with failures makes no baseline; this one has {count}, the first: {run.failures[0]}")

@@ -21,9 +21,12 @@ def test_a_baseline_is_read_as_it_was_written_and_replaces_no_run(tmp_path):
     assert sorted(path.name for path in (tmp_path / "baselines" / "demo").iterdir()) == ["manifest.json", "sums.csv"]
     lines = (tmp_path / "baselines" / "demo" / "sums.csv").read_text().splitlines()
     assert lines[2] == "category,crossing,drive-1,tpr_all,1.0,10.0"
-    (tmp_path / "summary.json").touch()
-    with pytest.raises(UsageError, match="expected a folder for a baseline, got that of a run"):
-        write_baseline(run, tmp_path)
+    for name in ("run.json", "surface-v1/summary.json"):  # a run, and its results by a protocol
+        file = tmp_path / "run" / name
+        file.parent.mkdir(exist_ok=True)
+        file.touch()
+        with pytest.raises(UsageError, match="expected a folder for a baseline, got that of a run"):
+            write_baseline(run, file.parent)
 
 
 @pytest.mark.parametrize("folder", sorted(BASELINES.iterdir()), ids=lambda folder: folder.name)
