@@ -150,7 +150,7 @@ def categorise(velocity_mps: Floats, ego_velocity_mps: Floats, settings: MotionS
     """
     (x, y), (ego_x, ego_y) = velocity_mps[:2].tolist(), ego_velocity_mps[:2].tolist()
     ego_speed = hypot(ego_x, ego_y)
-    if ego_speed < settings.ego_static_mps:
+    if ego_speed < settings.ego_static_mps or not ego_speed:  # at rest it has no direction of travel
         return Category.STATIC_EGO
     along, across = (x * ego_x + y * ego_y) / ego_speed, (ego_x * y - ego_y * x) / ego_speed
     angle_rad = atan2(abs(across), along)

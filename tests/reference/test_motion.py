@@ -32,6 +32,11 @@ def test_category_of_a_moving_object(velocity, ego, category, turned):
     assert categorise(*vectors, MOTION) is category
 
 
+def test_an_ego_vehicle_at_rest_is_static_also_by_a_limit_of_nothing():
+    never = MOTION.model_copy(update={"ego_static_mps": 0.0})
+    assert categorise(np.array([1.0, 0.0, 0.0]), np.zeros(3), never) is Category.STATIC_EGO
+
+
 @pytest.mark.parametrize(
     ("velocity", "ego_mps", "direction"),
     [
