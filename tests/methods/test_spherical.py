@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bench.cameras.model import ray_grid
+from bench.errors import UsageError
 from bench.geometry import RigidTransform
 from bench.methods import build_method
 from bench.methods.spherical.likelihood import CONSTRAINTS, PAPER_WEIGHTS
@@ -52,6 +53,12 @@ def test_a_stationary_camera_takes_the_static_branch(name, least):
     on_board, elsewhere = marked(found, board)
     assert on_board > least
     assert elsewhere < 0.02
+
+
+@pytest.mark.parametrize("name", ["spherical", SPARSE, ODOMETRY])
+def test_a_camera_that_never_counts_as_stationary_is_refused_before_any_image(name):
+    with pytest.raises(UsageError, match=f"{name}: expected .* for static_below_m, got 0.0"):
+        build_method(name, {"static_below_m": 0.0})
 
 
 @pytest.mark.parametrize("name", [SPARSE, ODOMETRY])
@@ -127,6 +134,13 @@ def test_cells_without_a_track_are_undefined_and_static():
     assert 0 < (~few.undefined).sum() <= 20 * 9
     assert not few.mask[few.undefined].any()
     assert few.likelihood[few.undefined].max() == 0
+
+
+def test_what_three_views_alone_see_is_defined():
+    found = build_method(SPARSE, {"min_epipole_sine": 0.3}).segment(three_images()[0])
+    assert not found.mask[found.undefined].any()
+    assert found.likelihood[found.undefined].max() == 0
+    assert (found.likelihood * (found.parts["three_view"] > 0)).max() > 0
 
 
 def test_three_views_see_a_board_that_turns_back_where_two_see_it_less():

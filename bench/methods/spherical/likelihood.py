@@ -144,7 +144,7 @@ class SphericalSettings:
     lambda_anti_parallel: float = 0.001
     threshold: Positive = PAPER_THRESHOLD
     static_threshold: Positive = PAPER_THRESHOLD
-    static_below_m: float = 0.05 / 15
+    static_below_m: Positive = 0.05 / 15
     lambda_static_m: float = 0.02
     min_epipole_sine: float = 0.01
     variants: Variants = PAPER
@@ -203,15 +203,12 @@ class SphericalSettings:
             min_epipole_sine=self.min_epipole_sine,
             variants=self.variants,
         )
-        by_name = {name: getattr(measured, name) for name in CONSTRAINTS}
+        by_name, defined = {name: getattr(measured, name) for name in CONSTRAINTS}, measured.defined
+        if three_view is not None:
+            by_name[THREE_VIEW] = three_view
+            defined = defined | (three_view > 0)  # three views may tell where two have no epipolar plane
         likelihood, cause = motion_likelihood(measured, self.weights, three_view=three_view, root_sum=self.root_sum)
-        return LikelihoodMap(
-            likelihood=likelihood,
-            cause=cause,
-            seen=seen,
-            defined=measured.defined,
-            deviations=by_name if three_view is None else by_name | {THREE_VIEW: three_view},
-        )
+        return LikelihoodMap(likelihood=likelihood, cause=cause, seen=seen, defined=defined, deviations=by_name)
 
     def segmentation(self, likelihoods: LikelihoodMap, flow: NDArray[np.float32]) -> Segmentation:
         """Apply the threshold.
