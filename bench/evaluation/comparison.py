@@ -19,6 +19,7 @@ from bench.evaluation.intervals import (
     CONFIDENCE,
     FEWEST_RECORDINGS,
     RATIO_CHANGE,
+    ROUNDING,
     Jackknife,
     ValueBounds,
     jackknife,
@@ -166,16 +167,19 @@ def paired_change(pairs: pd.DataFrame, *, within: ValueBounds = RATIO_CHANGE) ->
     held, shared = (old[1] > 0) | (new[1] > 0), int(np.count_nonzero((old[1] > 0) & (new[1] > 0)))
     old, new = ([term[held] for term in side] for side in (old, new))
     (before, old_without), (after, new_without) = (ratio_without_each(*side) for side in (old, new))
+    difference = after - before
+    if abs(difference) <= ROUNDING:  # of sums in which the same terms stand in another order
+        difference = 0.0
     ci95, p_value = None, None
     if shared >= FEWEST_RECORDINGS:
         shares = (old[1] / old[1].sum() + new[1] / new[1].sum()) / 2
-        found = jackknife(after - before, new_without - old_without, shares=shares)
+        found = jackknife(difference, new_without - old_without, shares=shares)
         ci95 = found.interval(within) if found.standard_error else _interval_of_equal_changes(found, within)
         p_value = found.p_value(within)
     return PairedChange(
         before=before,
         after=after,
-        difference=after - before,
+        difference=difference,
         ci95=ci95,
         p_value=p_value,
         cases_before=int(old[1].sum()),

@@ -79,7 +79,7 @@ class Row(PairedChange):
         reason: one line; empty where the numbers say it all.
         p_holm: p-value of a loss against none, corrected for the number of metrics that decide; None for the others.
         worsening: how much worse, negative for better; NaN without a value.
-        allowed: the largest worsening that is tolerated; NaN without a tolerance or a baseline.
+        allowed: the largest worsening that is tolerated; NaN without a tolerance.
         worst_recordings: those that contribute most to the worsening, the worst first; none where none got worse.
     """
 

@@ -74,6 +74,12 @@ def test_a_shift_of_every_recording_is_seen() -> None:
     assert (back.difference, back.p_value) == (-found.difference, found.p_value)
 
 
+def test_rounding_of_equal_sums_is_no_change() -> None:
+    before, after = ({f"drive-{k}": (found, 1) for k in range(8)} for found in (0.1 + 0.2, 0.3))
+    found = change_of(before, after)
+    assert (found.difference, found.ci95, found.p_value) == (0.0, None, 1.0)
+
+
 def test_everything_found_against_nothing_is_a_difference_from_six_recordings_on() -> None:
     names = [f"drive-{k}" for k in range(6)]
     nothing, everything = (dict.fromkeys(names, (share, 10)) for share in (0, 10))
