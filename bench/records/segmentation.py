@@ -87,10 +87,11 @@ def _faults(answer: object, width: int, height: int) -> Iterator[str]:
     if answer.likelihood is not None:
         yield from _likelihood_faults(answer.likelihood, score=answer.likelihood_is_score)
     yield from _threshold_faults(answer)
-    if not (isinstance(answer.causes, tuple) and all(isinstance(name, str) for name in answer.causes)):
-        yield f"causes: expected a tuple of names, got {answer.causes!r}"
-    elif answer.cause is not None and answer.cause.max(initial=0) >= max(len(answer.causes), 1):
-        yield f"cause: expected indices into {len(answer.causes)} causes, got {answer.cause.max()}"
+    names = answer.causes
+    if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names) and len({*names}) == len(names)):
+        yield f"causes: expected a tuple of names, each once, got {names!r}"
+    elif answer.cause is not None and answer.cause.max() >= len(names):
+        yield f"cause: expected indices into {len(names)} causes, got {answer.cause.max()}"
 
 
 def _array_faults(name: str, values: object, shape: tuple[int, int], kind: type[np.generic]) -> Iterator[str]:

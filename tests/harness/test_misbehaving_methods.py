@@ -129,6 +129,14 @@ FAULTY = {  # the function, and what is told of it
         lambda f: calm(f, causes=("a", "b"), cause=np.full(calm(f).mask.shape, 2, np.uint8)),
         "cause: expected indices into 2 causes, got 2",
     ),
+    "cause_without_causes": (
+        lambda f: calm(f, cause=np.zeros(calm(f).mask.shape, np.uint8)),
+        "cause: expected indices into 0 causes, got 0",
+    ),
+    "same_cause_twice": (
+        lambda f: calm(f, causes=("a", "a"), cause=np.ones(calm(f).mask.shape, np.uint8)),
+        "causes: expected a tuple of names, each once, got ('a', 'a')",
+    ),
     "raises": (helper, "ValueError: boom at "),
     "exits": (lambda _: sys.exit(0), "SystemExit: 0"),
     "change_valid": (change_valid, "ValueError: output array is read-only"),
