@@ -66,10 +66,9 @@ class SequenceScorer:
         regions = find_regions(reference, detected)
         frame, objects = count_frame(reference, detected, component_size_px=self._large_px, regions=regions)
         self._chance.add(reference, detected)
-        row = _image_columns(reference) | asdict(frame)
-        row |= {"status": EVALUATED if reference.annotated else NOT_ANNOTATED}
+        row = _image_columns(reference) | asdict(frame) | {"fp_by_cause": [], "undefined_px": 0}
+        row["status"] = EVALUATED if reference.annotated else NOT_ANNOTATED
         cell_size_px, causes = segmentation.cell_size_px, segmentation.causes
-        row |= {"fp_by_cause": [], "undefined_px": 0}
         if segmentation.cause is not None:
             px = sum_by_kind(regions.false, segmentation.cause, cell_size_px=cell_size_px, bins=len(causes))
             row["fp_by_cause"] = sorted(dict(zip(causes, px.tolist(), strict=True)).items())

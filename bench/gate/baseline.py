@@ -16,7 +16,7 @@ from bench.harness.stored import SUMMARY, SUMS, read_run, refuse_unscored, resul
 from bench.recordings.cards import shipped_folder
 
 BASELINES = Path("reports/baselines")
-USUAL_PROTOCOL = "paper-v1"
+UNNAMED_PROTOCOL = "paper-v1"  # its baselines bear the name of the data set alone
 BASELINE_RUN = "reports/runs/baseline"
 
 
@@ -57,7 +57,7 @@ def find_baseline(run: Manifest, *, own: bool = False) -> Path:
         run: its manifest.
         own: only below the working folder; else the one that the package ships where there is none.
     """
-    name = run.dataset.name if run.protocol.name == USUAL_PROTOCOL else f"{run.dataset.name}-{run.protocol.name}"
+    name = run.dataset.name if run.protocol.name == UNNAMED_PROTOCOL else f"{run.dataset.name}-{run.protocol.name}"
     here, shipped = BASELINES / name, shipped_folder("baselines") / name
     return here if own or here.is_dir() or not shipped.is_dir() else shipped
 
