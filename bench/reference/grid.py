@@ -83,9 +83,9 @@ def find_envelope(points_sensor: NDArray[np.floating]) -> Envelope:
     """Find the lowest and the highest beam.
 
     For every height at which a beam may start, the last beam is that of the sixth return from the end, since up to five
-    may be stray. The height is right from which returns at the most different ranges lie on this beam. Of heights as
-    good counts for the highest beam the one nearest to the sensor's origin, for the lowest the one nearest to
-    half of the highest's; these themselves where too few ranges tell.
+    may be stray. The right height is that whose last beam has returns at the most different ranges. Of equally good
+    heights, the highest beam takes the one nearest to the sensor's origin, the lowest the one nearest to half of the
+    highest's. Where even the best beam has returns at too few ranges, it starts at the origin, or at that half.
 
     Args:
         points_sensor: (N, 3), m, a whole sweep, sensor frame; N >= 1.
@@ -149,7 +149,7 @@ class Grid:
         certain: (4, N) bool, no return is missing between the two, and they are as near as over one missing return;
             others may be two surfaces.
         column_step_rad: between columns, one for the cluster.
-        row_step_rad: (N,) float64, between rows at each return; the cluster's median where it has no neighbour.
+        row_step_rad: (N,) float64, between rows at each return; without a neighbour, the usual step at its elevation.
         step_sensor: (3, 2, N) float64, m, sensor axes, from each return to where the next beam to the left and the next
             above would meet a surface square to the beam; NaN on the lidar's axis.
     """
