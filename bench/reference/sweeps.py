@@ -329,7 +329,7 @@ def _inside(
             within = (np.abs(local) <= (half + margin_m)[:, None]).all(axis=0)
             return np.asarray(within & (local[2] >= clearance_m - half[2]) & above_road)
         case GroundPolygon():
-            (x, y, z), ground = points_vehicle.T, shapely.Polygon(shape.outline_m)
+            (x, y, z), ground = points_vehicle.T, shapely.make_valid(shapely.Polygon(shape.outline_m))
             if margin_m:
                 ground = shapely.buffer(ground, margin_m)
             within = np.asarray(shapely.contains_xy(ground, x, y), dtype=bool)

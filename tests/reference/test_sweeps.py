@@ -123,6 +123,15 @@ def test_points_within_the_clearance_above_the_bottom_of_a_shape_are_the_grounds
     assert len(cluster(box, state, clearance_m=clearance_m)) == expected.sum() > 100
 
 
+def test_an_outline_that_crosses_itself_holds_the_returns_of_both_its_parts():
+    box, state = car(), car().state(0, HOST)
+    ground = ground_polygon(state.shape)
+    crossed = replace(state, shape=replace(ground, outline_m=ground.outline_m[[0, 1, 3, 2]]))
+    for margin_m in (0.02, 0.05):
+        _, y, _ = on_box(box, cluster(box, crossed, margin_m=margin_m)).T
+        assert min((y > 0.5).sum(), (y < -0.5).sum()) > 50
+
+
 def test_azimuths_are_seen_from_the_sensor_wherever_the_frame_of_the_points_is():
     lidar_from_sensor, sweep = RigidTransform.from_yaw(0.3, (1.0, -0.5, 0.2)), sweep_of([car((0, 4, 0))], HOST, 0)
     placed = pose_sweep(sweep, HOST, LIDAR, lidar_from_sensor)
