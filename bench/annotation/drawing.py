@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from shapely import contains_xy
+from shapely import contains_xy, make_valid
 from shapely.geometry import MultiPoint, Polygon
 
 from bench.annotation.boxes import guess_class, slopes
@@ -79,7 +79,7 @@ def draw_track(recording: Recording, lasso: Lasso, *, name: str) -> StoredTrack:
     if lasso.sweep >= len(recording.sweeps):
         raise UsageError(f"sweep: expected one of {len(recording.sweeps)}, got {lasso.sweep}")
     points = _standing(recording, lasso.sweep)
-    points = points[contains_xy(Polygon(lasso.outline_m).buffer(0), points[:, 0], points[:, 1])]
+    points = points[contains_xy(make_valid(Polygon(lasso.outline_m)), points[:, 0], points[:, 1])]
     if len(points) < FEWEST_POINTS:
         raise UsageError(f"lasso: expected at least {FEWEST_POINTS} points above the road, got {len(points)}")
     sweeps, points_in = range(len(recording.sweeps)), {lasso.sweep: points}
