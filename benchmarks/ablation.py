@@ -176,7 +176,7 @@ def main(
     """Train all variants from all seeds and tabulate them."""
     torch.set_num_threads(workers)
     begun = "" if start is None else hashlib.sha256(start.read_bytes()).hexdigest()
-    known = variants(Plan(epochs=epochs, patience=epochs, crop_px=crop_px, rate=rate, bfloat16=True, start=begun))
+    known = variants(Plan(epochs=epochs, crop_px=crop_px, rate=rate, bfloat16=True, start=begun))
     if unknown := sorted(set(only or ()) - known.keys()):
         raise UsageError(f"--only: expected some of {', '.join(known)}, got {', '.join(unknown)}")
     chosen = {name: variant for name, variant in known.items() if not only or name in (WHOLE, *only)}

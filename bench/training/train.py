@@ -69,8 +69,7 @@ class Plan:
         without: groups of channels that the network is not shown, see `bench.methods.learned.inputs`.
         disturbed: images are those of worse cameras, too, see `bench.training.appearance`; also those that choose the
             threshold.
-        epochs: at most; each draws as many images as there are.
-        patience: epochs without a better validation after which training stops.
+        epochs: each draws as many images as there are; the learning rate falls to 0 by the last.
         batch: crops of a step.
         crop_px: rows, columns of the coarse channels; multiples of 16, no larger than the smallest images.
         rate: largest learning rate.
@@ -83,7 +82,6 @@ class Plan:
     without: tuple[str, ...] = ()
     disturbed: bool = True
     epochs: int = 20
-    patience: int = 5
     batch: int = 8
     crop_px: tuple[int, int] = (192, 256)
     rate: float = 3e-3
@@ -334,7 +332,7 @@ def train(
     *,
     start: Path | None = None,
 ) -> tuple[nn.Module, Validation, list[dict[str, float]]]:
-    """Train until validation no longer gets better; continues from the checkpoint in `out`.
+    """Train all epochs and keep the one that validates best; continues from the checkpoint in `out`.
 
     Args:
         plan: of the training.
@@ -365,7 +363,7 @@ def train(
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, plan.rate, total_steps=plan.epochs * len(batches), pct_start=WARM_UP
     )
-    state: dict[str, Any] = {"epoch": 0, "best": -1.0, "best_epoch": 0, "weights": averaged.state_dict(), "log": []}
+    state: dict[str, Any] = {"epoch": 0, "best": -1.0, "weights": averaged.state_dict(), "log": []}
     state["losses"] = torch.ones(batches.images, dtype=torch.float64)  # of each image when it was last seen
     parts = {"network": network, "averaged": averaged, "optimiser": optimiser, "schedule": schedule}
     planned = {**asdict(plan), "images": batches.images}
@@ -378,8 +376,6 @@ def train(
         for name, part in parts.items():
             part.load_state_dict(checkpoint[name])
     for epoch in range(state["epoch"], plan.epochs):
-        if epoch - state["best_epoch"] > plan.patience:
-            break
         began, losses = time.monotonic(), state["losses"].clone()
         network.train()
         for batch in batches.epoch(epoch, state["losses"].numpy()):
@@ -406,7 +402,7 @@ def train(
         LOG.info(" ".join(f"{name}={value:.4g}" for name, value in line.items()))
         if found_now["iou_of_images"] > state["best"]:
             best_weights = {name: value.clone() for name, value in averaged.state_dict().items()}
-            state |= {"best": found_now["iou_of_images"], "best_epoch": epoch + 1, "weights": best_weights}
+            state |= {"best": found_now["iou_of_images"], "weights": best_weights}
         state["epoch"] = epoch + 1
         with replacing(out / CHECKPOINT) as file:
             held = {name: part.state_dict() for name, part in parts.items()}
@@ -483,7 +479,7 @@ def export(
 def main(
     out: Annotated[Path, typer.Option(help="folder of weights, log and checkpoint")],
     dataset: Annotated[str, typer.Option(help="rendered data set, by name or card")] = DATASET,
-    epochs: Annotated[int, typer.Option(min=1, help="at most")] = 20,
+    epochs: Annotated[int, typer.Option(min=1, help="passes over the training images")] = 20,
     bfloat16: Annotated[bool, typer.Option(help="compute in 16 bits")] = False,
     rate: Annotated[float, typer.Option(min=0.0, help="largest learning rate")] = 3e-3,
     start: Annotated[
