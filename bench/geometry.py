@@ -345,8 +345,14 @@ class RoadPlane:
         Source:
             Mariotti and Eising 2020, equation 11: h = R [0, 0, -1].
         """
-        down_camera = vehicle_from_camera.inverse().rotate(np.array([0.0, 0.0, -1.0]))
-        return cls(down_camera, float(vehicle_from_camera.translation_m[2]) - ground_height_m)
+        camera_from_vehicle = vehicle_from_camera.inverse()
+        height_m = float(vehicle_from_camera.translation_m[2]) - ground_height_m
+        if not height_m > 0.0:
+            inverse_m = float(camera_from_vehicle.translation_m[2]) - ground_height_m
+            hint = f"; the inverse of the mounting stands {inverse_m:.2f} m above it: give vehicle_from_camera, not "
+            hint = f"{hint}camera_from_vehicle" if inverse_m > 0.0 else ""
+            raise ShapeError(f"expected a camera above the road, got a height of {height_m:.2f} m{hint}")
+        return cls(camera_from_vehicle.rotate(np.array([0.0, 0.0, -1.0])), height_m)
 
     def distance_m(self, rays_camera: Floats) -> Floats:
         """Length along each unit ray to the road, equation 13.

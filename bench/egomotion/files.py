@@ -212,7 +212,7 @@ def write_tum(
     poses = np.hstack([positions_m, rotations.as_quat(canonical=True, scalar_first=False)])
     if decimals is not None:
         poses = np.round(poses, decimals) + 0.0  # 0 has no sign
-    for time_ns, pose in zip(timestamps_ns.tolist(), poses.tolist(), strict=True):
+    for time_ns, pose in zip(map(int, timestamps_ns), poses.tolist(), strict=True):
         seconds, rest_ns = divmod(abs(time_ns), SECOND_NS)
         lines.append(f"{'-' if time_ns < 0 else ''}{seconds}.{rest_ns:09d} {' '.join(map(repr, pose))}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -50,7 +50,7 @@ def describe_method(target: str) -> str:
     Raises:
         UsageError: nothing to import there.
     """
-    return next(iter((inspect.getdoc(_class(target, target, Scorable)) or "").splitlines()), "")
+    return next(iter(inspect.cleandoc(_class(target, target, Scorable).__doc__ or "").splitlines()), "")
 
 
 def build_method(name: str, parameters: Mapping[str, object] | None = None) -> Method:

@@ -151,12 +151,6 @@ def mounted_camera(
     Raises:
         ShapeError: a camera that is not above the road, or images that would be squeezed.
     """
-    height_m = float(vehicle_from_camera.translation_m[2]) - ground_height_m
-    if not height_m > 0.0:
-        inverse_m = float(vehicle_from_camera.inverse().translation_m[2]) - ground_height_m
-        hint = f"; the inverse of the mounting stands {inverse_m:.2f} m above it: give vehicle_from_camera, not "
-        hint = f"{hint}camera_from_vehicle" if inverse_m > 0.0 else ""
-        raise ShapeError(f"expected a camera above the road, got a height of {height_m:.2f} m{hint}")
     road = RoadPlane.below(vehicle_from_camera, ground_height_m=ground_height_m)
     camera = MountedCamera(
         name=name,

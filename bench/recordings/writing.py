@@ -133,7 +133,7 @@ class RecordingWriter:
 
         Args:
             timestamps_ns: (N,) int64.
-            rotations: N rotations, world_from_vehicle.
+            rotations: N rotations as SciPy's `Rotation` holds them, world_from_vehicle.
             positions_m: (N, 3) float64, m.
             truth: write `truth/poses.csv` instead: the exact poses of a synthetic drive, which no method sees.
         """

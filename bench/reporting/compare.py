@@ -540,9 +540,9 @@ def _frame_table(frames: pd.DataFrame) -> Table:
 
 
 def frame_title(frame: Mapping[Any, Any]) -> str:
-    """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, front, 1200 ms)", of `CHANGED`."""
+    """For example "newly missed: pedestrian 'a', crossing, 5.0 m (drive-1, camera front, 1.20 s)", of `CHANGED`."""
     what = f"{frame['kind']}: {frame['what']}" if frame["what"] else frame["kind"]
-    return f"{what} ({frame['recording']}, {frame['camera']}, {frame['timestamp_ns'] / 1e6:.0f} ms)"
+    return f"{what} ({formats.image_name(frame['recording'], frame['camera'], frame['timestamp_ns'])})"
 
 
 def report(comparisons: Sequence[RunComparison], *, out: Path) -> Report:

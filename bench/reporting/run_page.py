@@ -188,7 +188,7 @@ def object_facts(row: Row) -> str:
     points = counted(int(row["points"]), "lidar point")
     return (
         f"{_percent(row['coverage'])} found; {row['range_m']:.1f} m away, {points}, "
-        f"{row['region_px']:.0f} px, {_percent(1 - row['region_px'] / row['polygon_px'])} hidden by nearer objects; "
+        f"{row['region_px']:.0f} of its polygon's {row['polygon_px']:.0f} px count; "
         f"{row['speed_mps']:.1f} m/s, ego vehicle {row['ego_speed_mps']:.1f} m/s"
     )
 

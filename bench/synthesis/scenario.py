@@ -250,7 +250,7 @@ class DrivenSpec(FileModel):
             raise ValueError("times_s that increase")
         for name in type(self).model_fields:
             if name.startswith(("speed", "yaw_rate")) and len(getattr(self, name)) not in {1, len(self.times_s)}:
-                raise ValueError(f"{name}: one value, or one for each of the {len(self.times_s)} times")
+                raise ValueError(f"{name}: one value, or one for each of the {len(self.times_s)} of times_s")
         return self
 
 

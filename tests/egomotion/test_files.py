@@ -143,6 +143,12 @@ def test_writing_and_reading_gives_the_same(tmp_path_factory, start_ns, values, 
     assert (trajectory.rotations.inv() * rotations).magnitude() == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
+def test_times_in_nanoseconds_may_be_floats(tmp_path):
+    path = tmp_path / "poses.csv"
+    write_tum(path, timestamps_ns=np.array([1.5e9, 2e9]), rotations=Rotation.identity(2), positions_m=np.zeros((2, 3)))
+    assert read_tum(path).timestamps_ns.tolist() == [1_500_000_000, 2_000_000_000]
+
+
 LINE = "0 0 0 0 0 0 0 1\n"
 
 

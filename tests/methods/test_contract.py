@@ -27,6 +27,7 @@ def test_contract(name):
     again = build_method(name, json.loads(json.dumps(method.settings())))
     assert again.settings() == method.settings()
     assert describe_method(known_methods()[name])
+    assert describe_method("tests.methods.test_contract:Bare") == ""  # not what its base class says of itself
     given, _ = crossing()
     found = method.segment(given)
     rows, columns = -(-HEIGHT // found.cell_size_px), -(-WIDTH // found.cell_size_px)

@@ -41,7 +41,7 @@ WRONG = [
     ({"speed_mps: 1.4": "speed_mps: -1.4"}, "recordings.0.actors.0.speed_mps.0", "-1.4"),
     ({"gear: reverse": "gaer: reverse"}, "recordings.1.host.gaer", "no such key"),
     ({"radial_polynomial": "radial_polynom"}, "cameras.0", "radial_polynomial"),
-    ({"times_s: [0, 0.1]": "times_s: [0, 0.1, 0.2]"}, "recordings.0.host", "speed_kmh"),
+    ({"times_s: [0, 0.1]": "times_s: [0, 0.1, 0.2]"}, "recordings.0.host", "each of the 3 of times_s"),
     ({"times_s: [0, 0.1]": "times_s: [0, -0.1]"}, "recordings.0.host", "increase"),
     ({"name: reversing": "name: crossing"}, "recordings", "crossing"),
     ({"name: reversing": "name: ../reversing"}, "recordings.1.name", "../reversing"),

@@ -10,7 +10,8 @@ import pytest
 
 from bench.recordings.native import open_native
 from bench.times import other_unit
-from bench.validation.findings import Severity, causes
+from bench.validation import report
+from bench.validation.findings import Finding, Severity, causes
 from bench.validation.quick import motion
 from bench.validation.quick.motion import check_motion
 from tests.support import drive
@@ -53,6 +54,22 @@ def cause(root, *, returns=False):
     assert first.severity is Severity.ERROR
     assert {one.severity for one in others} <= {Severity.WARNING}, others
     return first
+
+
+@pytest.mark.parametrize(
+    ("known_by", "following", "name"),
+    [
+        ("time-unit", ("image-clock", "tight-boxes"), "the unit of times"),  # of the points
+        ("lidar-pose", ("road-height", "camera-flow"), "the lidar's mounting"),
+    ],
+)
+def test_what_a_wrong_sweep_leads_to_comes_after_its_cause(known_by, following, name):
+    checks = (*following, known_by)
+    first, *others = report._ordered([Finding(check=check, expected="", got="") for check in checks], "drive")
+    assert (first.check, first.severity) == (known_by, Severity.ERROR)
+    assert {(one.severity, one.hint) for one in others} == {
+        (Severity.WARNING, f"may follow from {name}: correct that, validate again")
+    }
 
 
 @pytest.mark.parametrize("unit", TIMES)

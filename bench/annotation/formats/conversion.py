@@ -32,7 +32,7 @@ from bench.plug_ins import imported
 from bench.recordings import Cuboid, ObjectState, Recording, SweepRef, Track
 from bench.records.recording import world_velocities, world_yaw_rates
 from bench.records.reference import OBJECT_CLASSES
-from bench.times import SECOND_NS
+from bench.times import SECOND_NS, unit_hint
 
 Floats = NDArray[np.float64]
 LABEL_FORMATS = {
@@ -343,7 +343,8 @@ def import_labels(format_name: str, source: Path, recording: Recording, options:
 
     Raises:
         UnknownNameError: no such format.
-        DataError: files that the format refuses, unknown classes, an object of two classes, or twice at one time.
+        DataError: files that the format refuses, times of another unit, unknown classes, an object of two classes, or
+            twice at one time.
     """
     labels = label_format(format_name).read(source, recording, options)
     classes = map_classes((observation.label for observation in labels.observations), options, source=source)
@@ -357,6 +358,9 @@ def import_labels(format_name: str, source: Path, recording: Recording, options:
     lost += lost_lines({single: sum(len(track.states) == 1 for track in tracks)})
     times_ns = set(labels.timestamps_ns)
     if missing := [sweep for sweep in recording.sweeps if sweep.timestamp_ns not in times_ns]:
+        if len(missing) == len(recording.sweeps) and (hint := unit_hint([*times_ns])):
+            got = f"{min(times_ns)} to {max(times_ns)}"
+            raise DataError(source, field="times", expected="nanoseconds, as of the sweeps", got=got, hint=hint)
         lost.append(
             f"{len(missing)} of {len(recording.sweeps)} sweeps have no frame in the source, first "
             f"{missing[0].path.name}: their images count as annotated unless the card excludes them"

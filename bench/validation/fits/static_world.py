@@ -389,7 +389,7 @@ class _Verdict:
         for one in filter(self._near_stated, tried):
             about, (_, sigma) = one.quantity, one.value
             if sigma > about.known:
-                known = f": known to {1.96 * about.scale * sigma:.2g} {about.unit} only"
+                known = f": known to {1.96 * about.scale * sigma:.3g} {about.unit} only"
                 why = f"{about.why}, or {few}" if about.why else few
                 yield Undecided(about=about.field, why=why + (known if sigma < about.small else ""))
 

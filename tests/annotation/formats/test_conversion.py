@@ -57,6 +57,11 @@ def test_sweeps_without_a_frame_are_counted(handed):
     assert second.startswith("3 of 6 sweeps have no frame in the source, first 000000.npz: ")
 
 
+def test_times_of_another_unit_are_refused(handed):
+    with pytest.raises(DataError, match=r"times: expected nanoseconds.* microseconds: multiply them by 1000"):
+        handed([], times_ns=[time_ns // 1000 for time_ns in street.TIMES_NS])
+
+
 def test_objects_without_ids_are_followed_class_by_class(handed):
     mixed = [*seen("car", track=""), *seen("walker", track="", label="Person"), *seen("parked", track="")]
     found = handed(reversed(mixed))

@@ -221,8 +221,8 @@ def test_all_forms_carry_the_same_numbers(folders, tmp_path):
     assert "**new against old, over everything. Better: False-positive coverage. Worse: IoU, all; TPR, all; Det" in text
     assert "| TPR, all | Preceding | too few recordings | 3 | 50.0 |" in text
     assert "n/a" not in text, "kinds without object-frames are not judged"
-    assert "| newly missed: vehicle 'crossing', crossing, 4.0 m (drive-0, front, 100 ms) | 50.0 | 0.0 |" in text
-    assert "| fewer false positives (drive-0, front, 0 ms) | 1.0 | 0.0 |" in text
+    assert "| newly missed: vehicle 'crossing', crossing, 4.0 m (drive-0, camera front, 0.10 s) | 50.0 | 0.0 |" in text
+    assert "| fewer false positives (drive-0, camera front, 0.00 s) | 1.0 | 0.0 |" in text
 
 
 def test_recordings_are_set_beside_each_other(folders, tmp_path):

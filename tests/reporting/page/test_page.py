@@ -115,7 +115,7 @@ ROW = {"coverage": 0.2, "range_m": 4.0, "points": 12, "region_px": 400, "polygon
 
 def test_what_was_measured_is_said():
     assert object_facts(ROW) == (
-        "20 % found; 4.0 m away, 12 lidar points, 400 px, 60 % hidden by nearer objects; 4.8 m/s, ego vehicle 5.0 m/s"
+        "20 % found; 4.0 m away, 12 lidar points, 400 of its polygon's 1000 px count; 4.8 m/s, ego vehicle 5.0 m/s"
     )
     counts = {"fp_px": 100, "fp_by_cause": {"epipolar": 70, "height": 30}, "coverage": 0.5, "fp_components": 7,
               "ego_speed_mps": 5.0}  # fmt: skip
