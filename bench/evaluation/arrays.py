@@ -110,7 +110,7 @@ def score(
             - a label image, (H, W) integers: 0 for the background, any other number for one object, also where it is
               in several pieces: a mask of 0 and 255 is one object, pass `mask > 0` for its components;
             - a mask, (H, W) bool: each connected component (8 neighbours) of its valid pixels is an object, as in the
-              protocol masks-v1;
+              protocol masks-v1, but of any size;
             - the reference of a `Frame`.
         mask: (H, W) bool, or integers that are not 0 where something moves.
         ignored: (H, W) bool, where a detection is neither right nor wrong.
