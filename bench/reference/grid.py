@@ -198,11 +198,11 @@ def find_grid(
     row_step = np.where(np.isfinite(nearest), np.minimum(nearest, 1.5 * usual), usual)
     neighbours, steps = np.concatenate([beside, above_below]), np.concatenate([turns / column_step, lifts / usual])
     depth_steps = np.abs(ranges_m[neighbours] - ranges_m)
-    depth_steps[:2] /= flat_m * column_step
-    depth_steps[2:] /= ranges_m * row_step
-    with np.errstate(invalid="ignore", divide="ignore"):  # NaN on the lidar's axis
+    with np.errstate(invalid="ignore", divide="ignore"):  # on the lidar's axis: a step is NaN, nothing lies beside
+        depth_steps[:2] /= flat_m * column_step
+        depth_steps[2:] /= ranges_m * row_step
         slope = z / flat_m
-    left, above = np.array([-y, x, np.zeros_like(x)]), np.array([-x * slope, -y * slope, flat_m])
+        left, above = np.array([-y, x, np.zeros_like(x)]), np.array([-x * slope, -y * slope, flat_m])
     return Grid(
         neighbours=neighbours,
         linked=(neighbours >= 0) & (depth_steps <= DEEPEST_STEPS),

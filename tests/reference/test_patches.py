@@ -116,6 +116,13 @@ def test_the_order_of_points_and_a_turn_of_the_sensor_do_not_matter():
     assert shapely.union_all(shapely.polygons(turned[1:].T)).area == pytest.approx(area, rel=0.01)
 
 
+def test_a_return_on_the_axis_of_the_lidar_has_nothing_beside_it():
+    ring = [[0.05 * np.cos(a), 0.05 * np.sin(a), 2.0] for a in np.linspace(0, 0.3, 7)]
+    grid = find_grid(np.array([[0.0, 0.0, 2.0], *ring]))
+    assert not grid.linked[:2, 0].any()
+    assert np.isnan(grid.step_m[1]).tolist() == [True] + [False] * 7
+
+
 @pytest.mark.parametrize(
     "points", [np.empty((0, 3)), [(5, 0, 0)], [(5, 0, 0.1), (5, 0, 0.2), (5, 0, 0.3)], [(5, 1, 0)] * 4]
 )
