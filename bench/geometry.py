@@ -342,16 +342,21 @@ class RoadPlane:
             ground_height_m: height of the road in the vehicle frame; 0 by the project's convention,
                 other where a data set puts its origin elsewhere.
 
+        Raises:
+            ShapeError: the camera is not above the road; with a hint if that of the inverse mounting would be.
+
         Source:
             Mariotti and Eising 2020, equation 11: h = R [0, 0, -1].
         """
         camera_from_vehicle = vehicle_from_camera.inverse()
         height_m = float(vehicle_from_camera.translation_m[2]) - ground_height_m
         if not height_m > 0.0:
+            problem = f"expected a camera above the road, got a height of {height_m:.2f} m"
             inverse_m = float(camera_from_vehicle.translation_m[2]) - ground_height_m
-            hint = f"; the inverse of the mounting stands {inverse_m:.2f} m above it: give vehicle_from_camera, not "
-            hint = f"{hint}camera_from_vehicle" if inverse_m > 0.0 else ""
-            raise ShapeError(f"expected a camera above the road, got a height of {height_m:.2f} m{hint}")
+            if inverse_m > 0.0:
+                hint = "give vehicle_from_camera, not camera_from_vehicle"
+                problem += f"; the inverse of the mounting stands {inverse_m:.2f} m above it: {hint}"
+            raise ShapeError(problem)
         return cls(camera_from_vehicle.rotate(np.array([0.0, 0.0, -1.0])), height_m)
 
     def distance_m(self, rays_camera: Floats) -> Floats:

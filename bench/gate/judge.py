@@ -25,6 +25,7 @@ from bench.evaluation.comparison import (
     pair_sums,
 )
 from bench.evaluation.definitions import COUNTS, IMAGE_FRAMES, find_metric
+from bench.evaluation.intervals import ROUNDING
 from bench.evaluation.sums import ALL_MOVING, FRAMES, TERMS, name_slice
 from bench.gate.baseline import RunSums
 from bench.gate.tolerances import Tolerances, void_rules
@@ -34,7 +35,6 @@ from bench.plain_text import counted, listed
 
 LISTED = 5  # differences that a message lists, of a reference its digest and four numbers
 WORST = 3  # recordings that are named
-ROUNDING = 1e-12  # a change by exactly what is tolerated is tolerated
 
 # References of data that each machine renders anew: another processor may tip the last bit of a few points or pixels.
 PIXELS = 0.001  # share of a recording's reference pixels that may differ
@@ -226,7 +226,7 @@ def _judge_row(row: Mapping[Any, Any], tolerances: Tolerances) -> tuple[Outcome,
     if row["reason"]:
         return Outcome.NOT_JUDGED, row["reason"]
     p_holm, beyond_chance = row["p_holm"], excludes_no_change(row["ci95"])
-    worse = row["worsening"] > row["allowed"] + ROUNDING
+    worse = row["worsening"] > row["allowed"] + ROUNDING  # by exactly what is tolerated is tolerated
     if not worse:
         improved = row["worsening"] < -row["allowed"] - ROUNDING and beyond_chance
         return (Outcome.IMPROVED if improved else Outcome.PASSED), ""

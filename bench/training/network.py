@@ -19,7 +19,7 @@ from bench.methods.learned.method import MULTIPLE_PX, read_card
 FIRST_WIDTH = 16  # channels at the size of geometry and flow; multiples of 16 are what processors compute at once
 WIDTHS = (32, 48, 64, 96)  # channels at a half, a quarter, an eighth and a sixteenth of it
 DILATIONS = (1, 2, 4)  # at the coarsest size, so that a vehicle beside the camera is seen as a whole
-FEW = -3.0  # bias of a head's logits: few pixels move
+FEW = -3.0  # bias of the head's logits: few pixels move
 
 assert 2 ** (len(WIDTHS) + 1) == MULTIPLE_PX
 

@@ -131,7 +131,7 @@ def test_road_below_a_level_camera():
     assert RoadPlane.below(RigidTransform(FORWARD.T, np.array([0, 0, 1.4])), ground_height_m=-0.1).height_m == 1.5
 
 
-def test_the_inverse_of_a_mounting_is_told():
+def test_an_inverse_mounting_is_named_in_the_error():
     mounting = RigidTransform(FORWARD.T, np.array([3.7, 0.0, 0.66]))
     with pytest.raises(ShapeError, match=r"-3.70 m; the inverse .* 0.66 m above it: give vehicle_from_camera"):
         RoadPlane.below(mounting.inverse())
