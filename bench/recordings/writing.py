@@ -136,7 +136,13 @@ class RecordingWriter:
             rotations: N rotations as SciPy's `Rotation` holds them, world_from_vehicle.
             positions_m: (N, 3) float64, m.
             truth: write `truth/poses.csv` instead: the exact poses of a synthetic drive, which no method sees.
+
+        Raises:
+            ShapeError: `rotations` are of another type, for example an array of quaternions.
         """
+        if not isinstance(rotations, Rotation):
+            got = type(rotations).__name__
+            raise ShapeError(f"rotations: expected scipy's Rotation, as Rotation.from_quat(xyzw) gives it, got {got}")
         path = self.root / (TRUE_POSES if truth else "poses.csv")
         with replacing(path) as temporary:
             write_tum(

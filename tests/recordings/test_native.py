@@ -218,6 +218,8 @@ def test_columns_of_bin_are_those_of_the_card(root):
 def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path):
     with pytest.raises(ShapeError, match="expected an image of uint8, got float64"):
         RecordingWriter(tmp_path / "drive").image("front", 0, np.zeros((4, 4)))
+    with pytest.raises(ShapeError, match=r"rotations: expected scipy's Rotation, .*, got ndarray"):
+        RecordingWriter(tmp_path / "drive").poses(np.zeros(1), np.array([[0, 0, 0, 1]]), np.zeros((1, 3)))
     assert not (tmp_path / "drive").exists()
     with pytest.raises(DataError, match=r"recording\.json: frame_interval_ns: expected greater than 0, got 0$"):
         tiny.write_head(tmp_path / "drive", frame_interval_ns=0)
