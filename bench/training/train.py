@@ -42,6 +42,7 @@ from bench.training.pairs import DATASET, PreparedDrive, prepare
 LOG = logging.getLogger(__name__)
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
 HARD = 0.5  # share of the draws that go by the loss of an image when it was last seen
+STRANGE = 0.3  # share of the crops of strange contrast, from negative over none to strong: motion tells, not looks
 WITHOUT_EARLIER = 0.1  # share of the crops that are shown without the earlier image, as at the start of a drive
 AVERAGED = 0.998  # of the running mean of the weights, which is what is validated and exported
 WARM_UP = 0.05  # of all steps
@@ -240,7 +241,8 @@ class Batches:
         mirror = rng.random() < 0.5
         if mirror:
             parts, target, weight = [part[:, :, ::-1].copy() for part in parts], target[:, ::-1], weight[:, ::-1]
-        gain, shift = rng.uniform(0.8, 1.25), rng.uniform(-12, 12)
+        gain = rng.uniform(-1.25, 1.25) if rng.random() < STRANGE else rng.uniform(0.8, 1.25)
+        shift = rng.uniform(-12, 12)
         strength, earlier = rng.uniform(0.7, 1.4), rng.random() >= WITHOUT_EARLIER
         for part, varied in zip(parts, self._varied, strict=True):
             if mirror:

@@ -72,6 +72,21 @@ def test_mirrored_crops_change_the_sign_of_what_points_sideways(drives):
     assert len(sides - {0.0}) == 1  # mirrored or not, points on the left move as points on the left do
 
 
+def test_crops_of_strange_contrast_move_as_they_did(drives, monkeypatch):
+    batches, grey, crops = Batches(drives, PLAN), COARSE.index("current"), []
+    for share in (0.0, 1.0):
+        monkeypatch.setattr("bench.training.train.STRANGE", share)
+        drawn = [next(batches.epoch(epoch, np.ones(batches.images))).coarse.numpy() for epoch in range(8)]
+        crops.append(np.concatenate(drawn))
+    usual, strange = crops
+    np.testing.assert_array_equal(np.delete(usual, grey, 1), np.delete(strange, grey, 1))
+    looks = (part[:, grey].reshape(len(part), -1) for part in crops)
+    slopes = [np.polyfit(*pair, 1)[0] for pair in zip(*looks, strict=True)]
+    assert min(slopes) < -0.5
+    assert max(slopes) > 0.5
+    assert np.abs(slopes).min() < 0.2
+
+
 def test_small_objects_weigh_more():
     target = np.zeros((200, 200), np.uint8)
     target[10:14, 10:14] = target[50:150, 50:150] = 255
