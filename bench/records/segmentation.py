@@ -109,7 +109,7 @@ def _likelihood_faults(likelihood: NDArray[np.floating], *, score: bool) -> Iter
         yield f"likelihood: expected finite numbers, 0 where undefined, got {bad} that are NaN or infinite"
     elif lowest < 0 or (score and highest > 1):
         expected = "a score in [0, 1]" if score else "at least 0"
-        yield f"likelihood: expected {expected}, got {lowest:g} to {highest + 0.0:g}"
+        yield f"likelihood: expected {expected}, got {lowest:.9g} to {highest + 0.0:.9g}"
 
 
 def _threshold_faults(answer: Segmentation) -> Iterator[str]:

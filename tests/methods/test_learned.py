@@ -5,6 +5,7 @@ import json
 import pickle
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -172,6 +173,14 @@ def test_sides_are_any_and_large_images_are_answered_on_cells():
     assert method.scores(odd).shape == (471, 619)
     found = method.segment(scaled(small, 1280, 960))
     assert (found.cell_size_px, found.mask.shape) == (2, (480, 640))
+
+
+def test_a_score_that_rounding_takes_above_1_is_1(monkeypatch):
+    above, shape = np.nextafter(np.float32(1), np.float32(2)), (480, 640)  # as ONNX Runtime's sigmoid gives, if rarely
+    session = SimpleNamespace(run=lambda *_: [np.full((1, *shape), above)])
+    monkeypatch.setattr(learned, "_session", lambda *_: session)
+    channels = Channels(coarse=np.zeros((1, 240, 320), np.uint8), fine=np.zeros((1, *shape), np.uint8))
+    np.testing.assert_array_equal(build_method("learned").scores(channels), np.ones(shape, np.float32))
 
 
 def test_the_card_tells_where_the_network_comes_from():

@@ -124,7 +124,8 @@ class LearnedMethod(Method):
         whole = padded(channels)
         session = _session(self.files[0], self.trained.sha256)
         (scores,) = session.run(None, {"coarse": whole.coarse[None], "fine": whole.fine[None]})
-        return np.asarray(scores[0, :height, :width], dtype=np.float32)
+        # ONNX Runtime's sigmoid can be above 1 by a rounding.
+        return np.asarray(np.clip(scores[0, :height, :width], 0, 1), dtype=np.float32)
 
     @cached_property
     def trained(self) -> NetworkCard:
