@@ -514,6 +514,8 @@ def main(
         for part in ("training", "validation")
     )
     torch.set_num_threads(workers)
+    device = torch.cuda.get_device_name() if torch.cuda.is_available() else f"processor, {workers} threads"
+    LOG.info("trains on: %s", device)
     network, reached, log = train(plan, training, held_out, out, start=start)
     scenario = load_card(dataset).scenario
     provenance = {
@@ -521,6 +523,7 @@ def main(
         "scenario_sha256": None if scenario is None else hashlib.sha256(scenario.read_bytes()).hexdigest(),
         "drives": len({drive.recording for drive in training}),
         "images": sum(drive.images for drive in training),
+        "device": device,
         "torch": torch.__version__.split("+")[0],
         "fisheye_bench": __version__,
     }
