@@ -7,7 +7,7 @@ move alike. Inputs are prepared as `bench.training.train` does, where they are m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,13 +16,12 @@ import typer
 from numpy.typing import NDArray
 
 from bench.execution import usable_cores
-from bench.methods.learned.inputs import COARSE, FINE, ZERO, Channels
+from bench.methods.learned.inputs import COARSE, FINE, Channels
 from bench.methods.learned.method import LearnedMethod
 from bench.reporting.document import Table, to_markdown
-from bench.training.pairs import DATASET, PreparedDrive, prepare
+from bench.training.pairs import DATASET, GREY, LEAST_PX, PreparedDrive, prepare, valid_region, vary
 
 LOOKS = {"as they are": 1.0, "negative": -1.0, "a third of the contrast": 1 / 3, "none": 0.0}  # gains
-LEAST_PX = 50  # that move, for an image to count, as in training
 
 
 def iou_by_looks(method: LearnedMethod, drive: PreparedDrive) -> NDArray[np.float64]:
@@ -32,28 +31,24 @@ def iou_by_looks(method: LearnedMethod, drive: PreparedDrive) -> NDArray[np.floa
         method: with the network.
         drive: prepared; its first image is scored.
     """
-    coarse, fine = drive.coarse()[0], drive.fine()[0]
-    valid = coarse[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO
+    card, coarse, fine = method.trained, drive.coarse()[0], drive.fine()[0]
+    valid = valid_region(coarse)
     moving = (fine[-1] > 127) & valid
     if moving.sum() < LEAST_PX:
         return np.full(len(LOOKS), np.nan)
-    card = method.trained
     found = []
     for gain in LOOKS.values():
-        shown = Channels(
-            coarse=np.stack([_looking(coarse[COARSE.index(name)], name, gain) for name in card.coarse]),
-            fine=np.stack([_looking(fine[FINE.index(name)], name, gain) for name in card.fine]),
-        )
+        shown = Channels(coarse=_looking(coarse, COARSE, card.coarse, gain), fine=_looking(fine, FINE, card.fine, gain))
         mask = (method.scores(shown) > card.threshold) & valid
         found.append((mask & moving).sum() / (mask | moving).sum())
     return np.array(found)
 
 
-def _looking(channel: NDArray[np.uint8], name: str, gain: float) -> NDArray[np.uint8]:
-    """A channel of another contrast if it is one of the grey ones."""
-    if name not in ("current", "fine_current"):
-        return channel
-    return np.clip(np.rint((channel.astype(np.float64) - ZERO) * gain + ZERO), 0, 255).astype(np.uint8)
+def _looking(channels: NDArray[np.uint8], names: Sequence[str], taken: Sequence[str], gain: float) -> NDArray[np.uint8]:
+    """The channels that a network takes, the grey one among them of another contrast."""
+    chosen = channels[[names.index(name) for name in taken]]
+    vary(chosen, [row for row, name in enumerate(taken) if name in GREY], gain)
+    return chosen
 
 
 def table(by_network: Mapping[str, NDArray[np.float64]]) -> str:

@@ -85,6 +85,8 @@ def _pairs(dataset: str | Path, names: Sequence[str], *, longest_history: int, c
         yield frame
 
 
+LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
+GREY = ("current", "fine_current")  # the channels that show how the last image looks
 DISTURBED = 0.75  # share of the images for which disturbances are drawn before anything is computed from them
 
 
@@ -114,6 +116,19 @@ class PreparedDrive:
 
     def _array(self, size: str) -> NDArray[np.uint8]:
         return np.asarray(np.load(self.folder / _arrays(self.recording, self.camera, size), mmap_mode="r"))
+
+
+def valid_region(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """The valid region of coarse channels, (C, h, w), at the size of the fine ones, (2 h, 2 w)."""
+    return np.asarray(coarse[inputs.COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > inputs.ZERO)
+
+
+def vary(channels: NDArray[np.uint8], rows: Sequence[int], gain: float, shift: float = 0.0) -> None:
+    """Scale some channels about 0, and shift them, in place."""
+    varied = np.rint((np.arange(256) - inputs.ZERO) * gain + inputs.ZERO + shift)
+    table = np.clip(varied, 0, 255).astype(np.uint8)
+    for row in rows:
+        channels[row] = cv2.LUT(channels[row], table)
 
 
 def prepare(

@@ -37,7 +37,7 @@ from bench.methods.learned.inputs import COARSE, DIFFERENCES, FINE, GROUPS, MIRR
 from bench.methods.learned.method import padded
 from bench.recordings import load_card
 from bench.training.network import MotionNetwork, ScoredNetwork, begin_with
-from bench.training.pairs import DATASET, PreparedDrive, prepare
+from bench.training.pairs import DATASET, GREY, LEAST_PX, PreparedDrive, prepare, valid_region, vary
 
 LOG = logging.getLogger(__name__)
 CROPS_ON_MOTION = 0.5  # share of the crops that are put around something that moves, where anything does
@@ -50,13 +50,12 @@ MOVING_WEIGHT = 2.0  # of moving pixels in the cross-entropy; static ones are fi
 SMALL_PX, SMALL_WEIGHT = 4000.0, 4.0  # objects of fewer fine pixels count more, by the root of their size, to so much
 SMOOTH_PX = 64.0  # fine pixels, of the soft IoU of a crop
 THRESHOLDS = 100  # that validation tries
-LEAST_PX = 50  # fine pixels that move, for an image to have an IoU in validation
 CHECKPOINT = "checkpoint.pt"
 STATISTICS_BATCHES = 16  # of crops from which normalisation is made again
 # Channels that are varied together.
 VARIED = {
     "mirrored": MIRRORED,
-    "grey": ("current", "fine_current"),
+    "grey": GREY,
     "differences": DIFFERENCES,
     "earlier": GROUPS["earlier"],
 }
@@ -234,7 +233,7 @@ class Batches:
         rows, columns = self._plan.crop_px
         small = coarse[:, v : v + rows, u : u + columns]
         large = fine[:, 2 * v : 2 * (v + rows), 2 * u : 2 * (u + columns)]
-        valid = _valid(small)
+        valid = valid_region(small)
         target = large[-1]
         weight = np.where(valid, small_weight(target), np.float32(0))
         parts = [size[rows] for size, rows in zip((small, large), self._plan.rows, strict=True)]
@@ -246,9 +245,9 @@ class Batches:
         strength, earlier = rng.uniform(0.7, 1.4), rng.random() >= WITHOUT_EARLIER
         for part, varied in zip(parts, self._varied, strict=True):
             if mirror:
-                _vary(part, varied["mirrored"], -1.0)
-            _vary(part, varied["grey"], gain, shift)
-            _vary(part, varied["differences"], strength)
+                vary(part, varied["mirrored"], -1.0)
+            vary(part, varied["grey"], gain, shift)
+            vary(part, varied["differences"], strength)
             if not earlier:
                 part[varied["earlier"]] = ZERO
         return *parts, target.astype(np.float32) / 255, np.ascontiguousarray(weight)
@@ -262,19 +261,6 @@ class Batches:
                 middle = middles[rng.integers(1, count)][::-1] / 2
                 corner = np.clip(middle.astype(np.int64) - rng.integers(0, self._plan.crop_px), 0, spare)
         return int(corner[0]), int(corner[1])
-
-
-def _valid(coarse: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """The valid region of coarse channels, (C, h, w), at the size of the fine ones, (2 h, 2 w)."""
-    return np.asarray(coarse[COARSE.index("valid")].repeat(2, axis=0).repeat(2, axis=1) > ZERO)
-
-
-def _vary(crop: NDArray[np.uint8], rows: list[int], gain: float, shift: float = 0.0) -> None:
-    """Scale some channels about 0, and shift them."""
-    varied = np.rint((np.arange(256) - ZERO) * gain + ZERO + shift)
-    table = np.clip(varied, 0, 255).astype(np.uint8)
-    for row in rows:
-        crop[row] = cv2.LUT(crop[row], table)
 
 
 def small_weight(target: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -319,7 +305,7 @@ def validate(network: nn.Module, drives: Sequence[PreparedDrive], plan: Plan, de
             with torch.no_grad():
                 logits = network(*(torch.from_numpy(part[None]).to(device) for part in (given.coarse, given.fine)))
             scores = torch.sigmoid(logits)[0, :height, :width].cpu().numpy()
-            moving, counted = fine[-1] > 127, _valid(coarse)
+            moving, counted = fine[-1] > 127, valid_region(coarse)
             counts.append([np.histogram(scores[kind & counted], bins=edges)[0] for kind in (moving, ~moving)])
             names.append((drive.recording, drive.camera))
     above = np.array(counts, dtype=np.float64)[..., ::-1].cumsum(-1)[..., ::-1]  # at least a bin's lower edge

@@ -120,7 +120,8 @@ FAULTY = {  # the function, and what is told of it
         "likelihood: expected finite numbers, 0 where undefined, got 1 that are NaN or infinite",
     ),
     "negative": (lambda f: likely(f, -1), "likelihood: expected at least 0, got -1 to 1"),
-    "score_above_one": (
+    "score_above_one": (lambda f: likely(f, 2, score=True), "likelihood: expected a score in [0, 1], got 0 to 2"),
+    "score_just_above_one": (
         lambda f: likely(f, 1 + 2**-23, score=True),
         "likelihood: expected a score in [0, 1], got 0 to 1.00000012",
     ),
